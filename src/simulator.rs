@@ -89,7 +89,7 @@
 //!
 //! let mesh = TetMesh::over_box([-30.0, -30.0, 0.0], [30.0, 30.0, 60.0], 64)?.into();
 //! let tissue = Interaction { friction_n_per_mm: 0.02, cutting_n: 0.5, puncture_n: 1.0, ..Interaction::default() };
-//! let regions = MeshRegions::new(&mesh, &[(0, tissue)]);
+//! let regions = MeshRegions::new(&mesh, &[(0, tissue)])?;
 //! let parameters = MassSpringParameters { length_mm: Some(50.0), ..MassSpringParameters::default() };
 //! let springs = MassSpring::new(parameters, Box::new(regions), Box::new(Bent))?;
 //!

@@ -61,6 +61,15 @@ pub enum StepError {
         /// Its fault.
         reason: String,
     },
+    /// A force or a position of the outcome that is not finite, from a model of one's own: the model has made the step,
+    /// but no force is returned.
+    #[error("{what} is {found} after a step of the model; expected finite numbers")]
+    Outcome {
+        /// Name of the value.
+        what: &'static str,
+        /// The rejected value.
+        found: f64,
+    },
     /// A saved state of another model.
     #[error("the saved state is of another model: {0}")]
     Foreign(String),

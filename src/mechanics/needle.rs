@@ -133,6 +133,43 @@ pub trait Needle: Send + Debug {
     }
 }
 
+/// Checks what every model takes for granted of a needle: its dimensions, and a centre line that ends at its length.
+pub(crate) fn check_needle(needle: &mut dyn Needle) -> Result<(), OutOfRange> {
+    let [length_mm, radius_mm] = [needle.length_mm(), needle.radius_mm()];
+    check(
+        "length_mm of the needle",
+        length_mm,
+        length_mm > 0.0,
+        "a finite number above 0",
+    )?;
+    check(
+        "radius_mm of the needle",
+        radius_mm,
+        radius_mm > 0.0,
+        "a finite number above 0",
+    )?;
+    let mut line = CentreLine::default();
+    needle.place(&Isometry3::identity(), None, &[], &[], &mut line);
+    let is_finite = line
+        .nodes()
+        .iter()
+        .all(|(_, point)| point.iter().all(|number| number.is_finite()));
+    check(
+        "centre line of the needle",
+        line.length_mm(),
+        is_finite,
+        "finite points",
+    )?;
+    let end_mm = line.length_mm();
+    let ends_at_tip = (end_mm - length_mm).abs() <= 1e-6 * length_mm;
+    check(
+        "last arc of the needle's centre line",
+        end_mm,
+        ends_at_tip,
+        format!("its length, {length_mm} mm"),
+    )
+}
+
 /// The shaft of a needle. The default is a brachytherapy needle: 200 mm long, 0.64 mm in radius (the radius from Goksel
 /// et al. 2011, section III-C).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -29,7 +29,7 @@ use insonify_mechanics::tissue::remesh::Level;
 ///
 /// let mesh = Arc::new(TetMesh::over_box([-30.0, -30.0, 0.0], [30.0, 30.0, 60.0], 64)?);
 /// let tissue = Interaction { friction_n_per_mm: 0.02, cutting_n: 0.5, puncture_n: 1.0, ..Interaction::default() };
-/// let regions = MeshRegions::new(&mesh, &[(0, tissue)]);
+/// let regions = MeshRegions::new(&mesh, &[(0, tissue)])?;
 /// let parameters = MassSpringParameters { length_mm: Some(50.0), ..MassSpringParameters::default() };
 /// let needle = Rigid::new(Shaft::default(), None)?;
 /// let model = MassSpring::new(parameters, Box::new(regions), Box::new(needle))?;
@@ -83,8 +83,8 @@ impl Haptic {
     /// [`SimulatorError`].
     pub fn imaged(&mut self, synthesizer: Synthesizer, needle_diameter_mm: f64) -> Result<Imaging, SimulatorError> {
         let (mut publisher, latest) = hand_over();
-        let imaging = Imaging::new(synthesizer, self.model.imager(), needle_diameter_mm, latest)?;
         publisher.publish(&mut *self.model);
+        let imaging = Imaging::new(synthesizer, self.model.imager(), needle_diameter_mm, latest)?;
         self.publisher = Some(publisher);
         Ok(imaging)
     }
@@ -93,10 +93,13 @@ impl Haptic {
     /// one.
     ///
     /// # Errors
-    /// [`StepError`]; then nothing has changed, and the hand keeps its previous forces.
+    /// [`StepError`]; then nothing has changed (but for [`StepError::Outcome`], where a model of one's own has), and the
+    /// hand keeps its previous forces.
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         let start = Instant::now();
-        let computed = Wrenches::of(self.model.step(instruments, dt_s)?);
+        let outcome = self.model.step(instruments, dt_s)?;
+        outcome.check()?;
+        let computed = Wrenches::of(outcome);
         self.time_s += dt_s;
         if let Some(recording) = &mut self.recording {
             recording.inputs.push(RecordedInput {

@@ -1,5 +1,6 @@
 //! Imaging part of the simulator, for the image thread.
 
+use std::collections::BTreeSet;
 use std::mem;
 use std::sync::Arc;
 
@@ -11,6 +12,9 @@ use insonify_imaging::synth::{Frame, FrameState, NeedleShaft, SynthError, Synthe
 use insonify_mechanics::insertion::{NodeSolver, Snapshot, Tissue};
 use insonify_mesh::TetMesh;
 use insonify_mesh::locator::{Locator, NO_ELEMENT};
+
+/// Greatest distance between a node of the imaged mesh and that of the model, mm: more than rounding to f32 in a file.
+const SAME_MM: f64 = 1e-2;
 
 /// Renders frames of the latest complete state. [`Simulator`](super::Simulator) has an example.
 pub struct Imaging {
@@ -42,7 +46,7 @@ impl Imaging {
         if let Some(mesh) = mesh {
             same_elements(mesh.elements(), imager.elements())?;
         }
-        Ok(Self {
+        let mut imaging = Self {
             seeds: Seeds::new(mesh.cloned()),
             imager: mesh.is_some().then_some(imager),
             latest,
@@ -50,7 +54,34 @@ impl Imaging {
             tissue: Tissue::default(),
             state: FrameState::at(Matrix4::identity()),
             needle_diameter_mm,
-        })
+        };
+        if imaging.latest.take() {
+            imaging.read();
+        }
+        imaging.check_nodes()?;
+        Ok(imaging)
+    }
+
+    /// Checks that the nodes of the imaged mesh lie where those of the model do at rest, but for those that remeshing
+    /// has moved. A solver that returns no positions is not asked.
+    fn check_nodes(&self) -> Result<(), SimulatorError> {
+        let (Some(reference), Some(mesh)) = (&self.state.reference, &self.seeds.mesh) else {
+            return Ok(());
+        };
+        if reference.len() != mesh.nodes().len() {
+            return Ok(());
+        }
+        let is_moved: BTreeSet<u32> = self.latest.state().moved.iter().map(|(node, _)| *node).collect();
+        for (node, (imaged, expected)) in (0..).zip(mesh.nodes().iter().zip(reference)) {
+            let distance_mm = (Vector3::from(*imaged) - Vector3::from(*expected)).norm();
+            if distance_mm > SAME_MM && !is_moved.contains(&node) {
+                return Err(SimulatorError::Mesh(format!(
+                    "node {node} of the imaged mesh lies at {imaged:?}, {distance_mm} mm from that of the tissue model; \
+                     expected both meshes at the same place"
+                )));
+            }
+        }
+        Ok(())
     }
 
     /// Renders the latest state for a pose of the probe (probe frame to world, mm). Frames count up from 0. Where no
@@ -89,7 +120,6 @@ impl Imaging {
         probe_to_world: &Matrix4<f64>,
         render: impl FnOnce(&mut Synthesizer, &FrameState) -> Result<(), SynthError>,
     ) -> Result<(), SynthError> {
-        // Before the first frame there is always a state to take: the initial one of the model.
         if self.latest.take() {
             self.read();
         }

@@ -35,7 +35,8 @@ use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, array, map};
 
-/// Sampling of labels.
+/// Sampling of labels. The default, as that of [`Effects`](super::Effects), leaves out what a frame can do without: the
+/// usual scene continues the body beyond the volume.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct Slice {

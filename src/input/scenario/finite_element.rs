@@ -210,9 +210,11 @@ impl FiniteElement {
 }
 
 /// Key of a scenario that an error of the setup is about.
-fn faulty_key(error: &InvalidSetup) -> &'static str {
+pub(super) fn faulty_key(error: &InvalidSetup) -> &'static str {
     match error {
-        InvalidSetup::Interaction { .. } => "tissue.material",
+        InvalidSetup::Interaction { .. } | InvalidSetup::Twice { .. } | InvalidSetup::Elsewhere { .. } => {
+            "tissue.material"
+        }
         InvalidSetup::Fixed { .. }
         | InvalidSetup::Linear(LinearError::LooseNodes { .. } | LinearError::FreeParts { .. }) => "tissue.fix",
         InvalidSetup::Candidate { .. } => "contact_probe",

@@ -5,7 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use super::file::ScenarioFile;
-use super::finite_element::FiniteElement;
+use super::finite_element::{FiniteElement, faulty_key};
 use super::labels::Labels;
 use super::mass_spring;
 use super::needle::NeedleSettings;
@@ -303,7 +303,10 @@ impl ScenarioFile {
             .collect();
         let mesh = Arc::new(meshed.mesh);
         let anatomy: Arc<dyn Anatomy> = match self.tissue.mesh {
-            Some(_) => Arc::new(MeshRegions::new(&mesh, &interactions)),
+            Some(_) => {
+                let regions = MeshRegions::new(&mesh, &interactions);
+                Arc::new(regions.map_err(|error| self.fault(faulty_key(&error), error))?)
+            }
             None => Arc::new(Labels::new(regions.volume(), &interactions, self.tissue.box_mm)),
         };
         let fixed = self.fixed(&mesh, &regions, &properties, notes, warnings)?;

@@ -90,6 +90,8 @@ const STILL_MM: f64 = 1e-9;
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Finite {
+    /// Hashes of the needle and of the tissue.
+    fingerprint: [String; 2],
     base: Base,
     options: FiniteOptions,
     body: CutTissue,

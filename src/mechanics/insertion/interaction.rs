@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
+use super::validation::{self, InvalidSetup};
 use insonify_base::range::{OutOfRange, Ranges, check, parameters};
 use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
 
@@ -181,8 +182,12 @@ pub struct MeshRegions {
 
 impl MeshRegions {
     /// Takes the regions of a mesh with their interactions; a region that is not listed exerts no force.
-    pub fn new(mesh: &Arc<TetMesh>, interactions: &[(i32, Interaction)]) -> MeshRegions {
-        MeshRegions::located(mesh, Arc::new(Locator::new(mesh)), interactions)
+    ///
+    /// # Errors
+    /// [`InvalidSetup`]: a number out of range, a region listed twice, none that is of the mesh.
+    pub fn new(mesh: &Arc<TetMesh>, interactions: &[(i32, Interaction)]) -> Result<MeshRegions, InvalidSetup> {
+        validation::interactions(mesh, interactions)?;
+        Ok(MeshRegions::located(mesh, Arc::new(Locator::new(mesh)), interactions))
     }
 
     pub(super) fn located(

@@ -50,7 +50,7 @@ use super::{
     Anatomy, EventKind, Field, Instruments, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot, StepError, Wrench,
 };
 use crate::insertion::InvalidSetup;
-use crate::needle::{CentreLine, Load, Needle};
+use crate::needle::{CentreLine, Load, Needle, check_needle};
 use body::{NeedleState, unloaded_tip};
 use contacts::Contacts;
 use cylinder::Cylinder;
@@ -131,8 +131,11 @@ impl MassSpring {
     pub fn new(
         parameters: MassSpringParameters,
         anatomy: Box<dyn Anatomy>,
-        needle: Box<dyn Needle>,
+        mut needle: Box<dyn Needle>,
     ) -> Result<MassSpring, InvalidSetup> {
+        // Before the name is taken, which a needle's shape may change.
+        let named = format!("{needle:?}");
+        check_needle(&mut *needle)?;
         let cylinder = Cylinder::new(&parameters)?;
         let (skin_nodes, least_dihedral_deg) = (cylinder.skin_nodes, cylinder.least_dihedral_deg);
         let imaged = [cylinder.mesh.elements(), &cylinder.cap].concat().into();
@@ -140,7 +143,7 @@ impl MassSpring {
         let capacity = 4 * parameters.layers();
         Ok(MassSpring {
             // By the name of the type in states that were saved before.
-            name: format!("mass-spring, version 2, {parameters:?}, {needle:?}")
+            name: format!("mass-spring, version 2, {parameters:?}, {named}")
                 .replace("MassSpringParameters", "Parameters"),
             spacing_mm: network.shortest_edge_mm(),
             parameters,

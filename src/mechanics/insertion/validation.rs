@@ -1,15 +1,18 @@
 //! Validation of the setup and of the step inputs of insertion models.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Isometry3, Matrix4, Rotation3, UnitQuaternion};
 
 use super::spring::{MAX_NODES, MIN_DIHEDRAL_DEG};
-use super::{Instruments, Interaction, StepError};
+use super::{Instruments, Interaction, Outcome, StepError};
 use crate::tissue::error::LinearError;
 use crate::tissue::nonlinear::NonlinearError;
 use crate::tissue::remesh::RemeshError;
 use insonify_base::blame::Blame;
 use insonify_base::matrix;
 use insonify_base::range::OutOfRange;
+use insonify_mesh::TetMesh;
 
 /// Reason why a model on a mesh cannot be set up.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -21,6 +24,33 @@ pub enum InvalidSetup {
         region: i32,
         /// The invalid number.
         cause: OutOfRange,
+    },
+    /// A region whose interaction is listed more than once.
+    #[error("region {region} has more than one interaction with the needle; expected one")]
+    Twice {
+        /// The region.
+        region: i32,
+    },
+    /// No region with an interaction is one of the mesh.
+    #[error(
+        "no interaction with the needle is for a region of the mesh: listed are {listed:?}, the mesh has {regions:?}"
+    )]
+    Elsewhere {
+        /// Regions with an interaction.
+        listed: Vec<i32>,
+        /// Regions of the mesh, at most eight of them.
+        regions: Vec<i32>,
+    },
+    /// A mesh not much larger than the needle is thick, which lengths in another unit make.
+    #[error(
+        "the mesh is {longest_mm} mm long at most, the needle {diameter_mm} mm thick; expected a mesh in mm (if its \
+         coordinates are metres, multiply them by 1000)"
+    )]
+    Small {
+        /// Longest side of the mesh, mm.
+        longest_mm: f64,
+        /// Diameter of the needle, mm.
+        diameter_mm: f64,
     },
     /// A number out of range.
     #[error(transparent)]
@@ -112,15 +142,40 @@ impl Blame for InvalidSetup {
     }
 }
 
-/// Checks the interactions of regions with the needle.
-pub(super) fn interactions(interactions: &[(i32, Interaction)]) -> Result<(), InvalidSetup> {
-    let check = |(region, interaction): &(i32, Interaction)| {
+/// Checks the interactions of the regions of a mesh with the needle: each region once, numbers in range, and, if there
+/// are any, at least one for a region of the mesh.
+pub(super) fn interactions(mesh: &TetMesh, interactions: &[(i32, Interaction)]) -> Result<(), InvalidSetup> {
+    let mut listed = BTreeSet::new();
+    for (region, interaction) in interactions {
         let region = *region;
-        interaction
-            .check()
-            .map_err(|cause| InvalidSetup::Interaction { region, cause })
-    };
-    interactions.iter().try_for_each(check)
+        if !listed.insert(region) {
+            return Err(InvalidSetup::Twice { region });
+        }
+        let checked = interaction.check();
+        checked.map_err(|cause| InvalidSetup::Interaction { region, cause })?;
+    }
+    if listed.is_empty() || mesh.regions().iter().any(|region| listed.contains(region)) {
+        return Ok(());
+    }
+    let of_mesh: BTreeSet<i32> = mesh.regions().iter().copied().collect();
+    Err(InvalidSetup::Elsewhere {
+        listed: listed.into_iter().collect(),
+        regions: of_mesh.into_iter().take(8).collect(),
+    })
+}
+
+/// Checks that a mesh is larger than a needle is thick.
+pub(super) fn size(mesh: &TetMesh, radius_mm: f64) -> Result<(), InvalidSetup> {
+    let [low, high] = mesh.bounds();
+    let longest_mm = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
+    let diameter_mm = 2.0 * radius_mm;
+    if longest_mm > 2.0 * diameter_mm {
+        return Ok(());
+    }
+    Err(InvalidSetup::Small {
+        longest_mm,
+        diameter_mm,
+    })
 }
 
 /// Checks that fixed nodes and axes exist in a mesh with this number of nodes.
@@ -149,6 +204,28 @@ fn finite(what: &'static str, values: impl IntoIterator<Item = f64>) -> Result<(
             found,
             expected: "finite numbers",
         }),
+    }
+}
+
+impl Outcome {
+    /// Checks that forces and the tip are finite: a device must not be given others.
+    ///
+    /// # Errors
+    /// [`StepError::Outcome`].
+    pub fn check(&self) -> Result<(), StepError> {
+        let probe = self.on_probe.unwrap_or_default();
+        for (what, vector) in [
+            ("the force on the hand", &self.on_hand.force_n),
+            ("the torque on the hand", &self.on_hand.torque_nmm),
+            ("the force on the probe", &probe.force_n),
+            ("the torque on the probe", &probe.torque_nmm),
+            ("the position of the tip", &self.tip_mm.coords),
+        ] {
+            if let Some(&found) = vector.iter().find(|number| !number.is_finite()) {
+                return Err(StepError::Outcome { what, found });
+            }
+        }
+        Ok(())
     }
 }
 

@@ -44,8 +44,10 @@ impl Clone for CentreLine {
 }
 
 impl CentreLine {
-    /// Replaces the nodes: arcs (mm) rising from 0 at the base to the length at the tip, at least two, no two points
-    /// coinciding.
+    /// Replaces the nodes: arcs (mm) rising from 0 at the base to the length at the tip, no two points coinciding.
+    ///
+    /// # Panics
+    /// With fewer than two nodes, or arcs that do not rise.
     pub fn set(&mut self, nodes: impl IntoIterator<Item = (f64, Point3<f64>)>) {
         self.set_turned(nodes, &[]);
     }
@@ -56,7 +58,12 @@ impl CentreLine {
         self.nodes.extend(nodes);
         self.turns.clear();
         self.turns.extend_from_slice(turns);
-        debug_assert!(self.nodes.len() >= 2 && self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0));
+        let rises = self.nodes.windows(2).all(|pair| pair[0].0 < pair[1].0);
+        assert!(
+            self.nodes.len() >= 2 && rises,
+            "a centre line needs two nodes or more with rising arcs; found {:?}",
+            self.nodes
+        );
     }
 
     /// Returns the unit direction before a node: of the link before it, or, at the base, that of the first link before

@@ -11,7 +11,7 @@ use crate::simulator::{Haptic, Simulator};
 use insonify_imaging::parity::Case;
 use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_mechanics::insertion::{Snapshot, Tissue};
+use insonify_mechanics::insertion::{Snapshot, StepError, Tissue};
 use insonify_mesh::TetMesh;
 
 /// Returns an anatomy of one block with or without a mesh of it, and a probe on it.
@@ -162,6 +162,47 @@ fn another_mesh_is_refused() {
     assert_eq!(
         text.as_deref(),
         Some("`needle_diameter_mm` is 0; expected a finite number above 0")
+    );
+    let (synthesizer, _, mesh) = scene(true);
+    let mut moved = TetMesh::clone(&mesh.expect("a mesh"));
+    moved = TetMesh::new(
+        moved.nodes().iter().map(|&[x, y, z]| [x, y + 30.0, z]).collect(),
+        moved.elements().to_vec(),
+        moved.regions().to_vec(),
+    )
+    .expect("a mesh");
+    let model = Fake {
+        mesh: Some(Arc::new(moved)),
+        ..Fake::default()
+    };
+    let refused = Simulator::new(Box::new(model), synthesizer, 1.27, patient());
+    let text = refused.err().map(|error| error.to_string()).unwrap_or_default();
+    assert!(
+        text.starts_with("node 0 of the imaged mesh lies at") && text.contains("30 mm from"),
+        "{text}"
+    );
+}
+
+/// A device gets no force that is not a number.
+#[test]
+fn forces_that_are_not_finite_are_refused() {
+    let mut haptic = Haptic::new(
+        Box::new(Fake {
+            state: f64::NAN,
+            ..Fake::default()
+        }),
+        patient(),
+    );
+    let refused = haptic.step(&instruments(1), 1e-3);
+    assert!(
+        matches!(
+            refused,
+            Err(StepError::Outcome {
+                what: "the force on the hand",
+                ..
+            })
+        ),
+        "{refused:?}"
     );
 }
 

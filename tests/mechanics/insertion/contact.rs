@@ -1,9 +1,13 @@
 //! Friction, cutting and what they leave behind.
 
 use insonify_mechanics::insertion::{EventKind, Interaction, Model, Peak, Snapshot, StepError, Tissue};
+use insonify_mechanics::needle::{Rigid, Shaft};
+use insonify_mechanics::tissue::material::Material;
 use serde_json::json;
 
-use super::support::{USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel};
+use super::support::{
+    LENGTH, USUAL, block, build, events, kinds, on_path, on_table, resistance, setup, tip_at, travel,
+};
 
 /// Once everything slips, the hand feels the friction of the embedded length and the force of cutting; on the way out
 /// only the friction, the other way (Goksel et al. 2011, figures 4 and 13b).
@@ -216,6 +220,31 @@ fn foreign_states_are_refused_and_nothing_has_changed() {
         assert!(matches!(refused, Err(StepError::Foreign(_))), "{place}: {refused:?}");
         assert_eq!(finite.save(), before, "{place}");
         assert_eq!(travel(&mut finite, 12.0, 15.0, 0.25), expected, "{place}");
+    }
+
+    // States of the same mesh with another needle or other moduli.
+    let thick = Shaft {
+        radius_mm: 0.9,
+        length_mm: LENGTH,
+    };
+    let mut other_needle = setup(USUAL);
+    other_needle.needle = Box::new(Rigid::new(thick, None).expect("a needle"));
+    let mut other_moduli = setup(USUAL);
+    other_moduli
+        .materials
+        .fill(Material::new(12.0, 0.45).expect("a material"));
+    let mut other_friction = setup(USUAL);
+    other_friction.interactions[0].1.friction_n_per_mm *= 2.0;
+    for (other, named) in [
+        (other_needle, "its needle"),
+        (other_moduli, "its tissue"),
+        (other_friction, "its tissue"),
+    ] {
+        let refused = build(other).restore(&good);
+        assert!(
+            matches!(&refused, Err(StepError::Foreign(reason)) if reason.starts_with(named)),
+            "{refused:?}"
+        );
     }
 
     // Moves that only the compliance refuses are taken back.

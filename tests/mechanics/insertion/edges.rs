@@ -1,10 +1,17 @@
 //! Hard cases: places, step lengths, materials, bone.
 
-use insonify_mechanics::insertion::{EventKind, Instruments, Interaction, Model, Outcome, StepError};
-use insonify_mesh::TetMesh;
-use nalgebra::{Isometry3, UnitQuaternion, Vector3};
+use std::sync::Arc;
 
-use super::support::{USUAL, assert_finite, block, build, events, on_table, resistance, setup, tip_at, travel};
+use insonify_mechanics::insertion::finite::{Finite, Setup};
+use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters};
+use insonify_mechanics::insertion::{
+    EventKind, Instruments, Interaction, InvalidSetup, MeshRegions, Model, Outcome, StepError,
+};
+use insonify_mechanics::needle::{CentreLine, Entry, Load, Needle};
+use insonify_mesh::TetMesh;
+use nalgebra::{Isometry3, Point3, UnitQuaternion, Vector3};
+
+use super::support::{LENGTH, USUAL, assert_finite, block, build, events, on_table, resistance, setup, tip_at, travel};
 
 /// The tip runs through vertices, along edges and within faces of the lattice.
 #[test]
@@ -197,4 +204,63 @@ fn through_and_through() {
     out.iter().for_each(assert_finite);
     assert_eq!((finite.support_size(), out_of(&out)), (0, 1));
     assert_eq!(out.last().map(|it| it.on_hand.force_n.norm()), Some(0.0));
+}
+
+/// A needle whose centre line does not end at its length.
+#[derive(Debug)]
+struct Short;
+
+impl Needle for Short {
+    fn length_mm(&self) -> f64 {
+        LENGTH
+    }
+    fn radius_mm(&self) -> f64 {
+        0.6
+    }
+    fn place(&mut self, base: &Isometry3<f64>, _: Option<&Entry>, _: &[Load], _: &[Load], line: &mut CentreLine) {
+        line.set([0.0, LENGTH / 2.0].map(|arc_mm| (arc_mm, base * Point3::new(0.0, 0.0, arc_mm))));
+    }
+}
+
+/// What cannot be meant is refused before anything is computed.
+#[test]
+fn setups_that_cannot_be_meant_are_refused() {
+    type Spoil = fn(&mut Setup);
+    let spoils: [(&str, Spoil); 5] = [
+        ("region 0 has more than one interaction", |setup| {
+            setup.interactions.push((0, USUAL));
+        }),
+        ("listed are [7], the mesh has [0]", |setup| setup.interactions[0].0 = 7),
+        ("the mesh is 0.08 mm long at most", |setup| {
+            let nodes = setup.mesh.nodes().iter().map(|node| node.map(|length| length / 1000.0));
+            let in_metres = TetMesh::new(
+                nodes.collect(),
+                setup.mesh.elements().to_vec(),
+                setup.mesh.regions().to_vec(),
+            );
+            setup.mesh = in_metres.expect("a mesh");
+        }),
+        (
+            "`last arc of the needle's centre line` is 75; expected its length, 150 mm",
+            |setup| {
+                setup.needle = Box::new(Short);
+            },
+        ),
+        ("friction_n_per_mm", |setup| {
+            setup.interactions[0].1.friction_n_per_mm = -1.0
+        }),
+    ];
+    for (reason, spoil) in spoils {
+        let mut setup = setup(USUAL);
+        spoil(&mut setup);
+        let error = Finite::new(setup, |_, _| {}).err().expect(reason).to_string();
+        assert!(error.contains(reason), "{error}");
+    }
+    let parameters = MassSpringParameters::default();
+    let mesh = Arc::new(block([60.0, 60.0, 80.0], 10.0));
+    let regions = MeshRegions::new(&mesh, &[(0, USUAL)]).expect("regions");
+    let refused = MassSpring::new(parameters, Box::new(regions), Box::new(Short));
+    assert!(matches!(refused, Err(InvalidSetup::Number(_))), "{refused:?}");
+    let twice = MeshRegions::new(&mesh, &[(0, USUAL), (0, USUAL)]);
+    assert!(matches!(twice, Err(InvalidSetup::Twice { region: 0 })), "{twice:?}");
 }

@@ -23,6 +23,9 @@ const UNIT: f64 = 1e-9;
 struct State {
     nodes: usize,
     elements: usize,
+    /// Hashes of the needle and of the tissue; none in states that are older than they.
+    #[serde(default)]
+    fingerprint: Option<[String; 2]>,
     steps: u64,
     time_s: f64,
     base: Option<Isometry3<f64>>,
@@ -56,6 +59,16 @@ fn foreign(error: impl Display) -> StepError {
 }
 
 impl State {
+    /// Checks that the state was saved by a model of the same needle and tissue.
+    fn check_fingerprint(&self, expected: &[String; 2]) -> Result<(), StepError> {
+        let hashes = self.fingerprint.iter().flatten().zip(expected);
+        let kinds = ["needle", "tissue (mesh, materials, supports, interactions or options)"];
+        match hashes.zip(kinds).find(|((saved, expected), _)| saved != expected) {
+            Some((_, kind)) => Err(foreign(format!("its {kind} is another"))),
+            None => Ok(()),
+        }
+    }
+
     /// Checks that the state fits this mesh and probe: every index and count is in range.
     fn check(&self, adaptation: &Adaptation, probe: Option<&ProbeNodes>) -> Result<(), StepError> {
         let mesh = adaptation.mesh();
@@ -138,6 +151,7 @@ impl Finite {
         let state = State {
             nodes: mesh.nodes().len(),
             elements: mesh.elements().len(),
+            fingerprint: Some(self.fingerprint.clone()),
             steps: log.steps,
             time_s: log.time_s,
             base: log.base,
@@ -167,6 +181,7 @@ impl Finite {
         let state = State::deserialize(&saved.0).map_err(foreign)?;
         let tissue = &mut self.tissue;
         state.check(&tissue.adaptation, tissue.probe.as_ref())?;
+        state.check_fingerprint(&self.fingerprint)?;
         tissue.check_moves(&state.moved)?;
         if let Err(error) = tissue.move_nodes(&state.moved) {
             self.recompute();

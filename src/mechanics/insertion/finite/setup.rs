@@ -7,7 +7,7 @@ use super::body::{Channel, CutTissue};
 use super::{Attempt, Contacts, Finite, Joint, Log, PlacedNeedle, Prediction, ProbeNodes, Tip, Tissue};
 use crate::insertion::interaction::MeshRegions;
 use crate::insertion::{Anatomy, Interaction, InvalidSetup, ProbeContact, validation};
-use crate::needle::{CentreLine, Needle};
+use crate::needle::{CentreLine, Needle, check_needle};
 use crate::tissue::columns::Columns;
 use crate::tissue::dofs::{Dofs, NO_DOF};
 use crate::tissue::factor::Factor;
@@ -88,8 +88,10 @@ pub struct Setup {
 }
 
 impl Setup {
-    fn check(&self) -> Result<(), InvalidSetup> {
-        validation::interactions(&self.interactions)?;
+    fn check(&mut self) -> Result<(), InvalidSetup> {
+        check_needle(&mut *self.needle)?;
+        validation::size(&self.mesh, self.needle.radius_mm())?;
+        validation::interactions(&self.mesh, &self.interactions)?;
         validation::fixed(&self.fixed, self.mesh.nodes().len())?;
         let options = &self.options;
         validation::above_zero(&[
@@ -102,6 +104,35 @@ impl Setup {
             ("columns", options.columns as f64),
             ("length_mm", self.probe.as_ref().map_or(1.0, |probe| probe.length_mm)),
         ])
+    }
+
+    /// Returns hashes of the needle and of the tissue with the options that change results: a saved state is taken back
+    /// only by a model whose hashes are the same.
+    fn fingerprint(&self) -> [String; 2] {
+        let short = |hash: blake3::Hash| hash.to_hex()[..16].to_owned();
+        let mut tissue = blake3::Hasher::new();
+        let FiniteOptions {
+            part_mm,
+            most_parts,
+            most_iterations,
+            tolerance_mm,
+            spacing_mm,
+            condition_limit,
+            ..
+        } = self.options;
+        let limits = (
+            part_mm,
+            most_parts,
+            most_iterations,
+            tolerance_mm,
+            spacing_mm,
+            condition_limit,
+        );
+        let numbers = (&self.materials, &self.fixed, &self.interactions, limits);
+        tissue.update(format!("{numbers:?}").as_bytes());
+        tissue.update(bytemuck::cast_slice(self.mesh.nodes()));
+        tissue.update(bytemuck::cast_slice(self.mesh.elements()));
+        [blake3::hash(format!("{:?}", self.needle).as_bytes()), tissue.finalize()].map(short)
     }
 
     fn check_candidates(&self, dofs: &Dofs) -> Result<(), InvalidSetup> {
@@ -122,10 +153,12 @@ impl Setup {
     }
 
     pub(super) fn build(
-        self,
+        mut self,
         maker: Option<Maker>,
         progress: &mut (dyn FnMut(usize, usize) + Send),
     ) -> Result<Finite, InvalidSetup> {
+        // Before the checks, by which a needle may keep another shape.
+        let fingerprint = self.fingerprint();
         // Every check comes before the factorisation, which takes most of the time.
         self.check()?;
         let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
@@ -148,6 +181,7 @@ impl Setup {
         let anatomy = self.anatomy.unwrap_or_else(|| Arc::new(of_mesh()));
         let probe = self.probe.map(|probe| ProbeNodes::new(probe, mesh.nodes()));
         Ok(Finite {
+            fingerprint,
             base,
             options: self.options,
             body: CutTissue {

@@ -145,13 +145,14 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
     fn of(setup: NonlinearSetup, body: Arc<NonlinearBody<D, N>>, frame: Frame<D>) -> Result<Self, InvalidSetup> {
         let options = setup.options;
         let nodes = body.nodes().len();
-        validation::interactions(&setup.interactions)?;
+        validation::interactions(&setup.mesh, &setup.interactions)?;
+        setup.shaft.check()?;
+        validation::size(&setup.mesh, setup.shaft.radius_mm)?;
         validation::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
             ("tolerance", options.solving.tolerance),
         ])?;
-        setup.shaft.check()?;
         if let Some(&(region, _)) = setup
             .interactions
             .iter()
@@ -186,9 +187,10 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             }
         };
         Ok(Nonlinear {
-            anatomy: setup
-                .anatomy
-                .unwrap_or_else(|| Arc::new(MeshRegions::new(&setup.mesh, &setup.interactions))),
+            anatomy: match setup.anatomy {
+                Some(anatomy) => anatomy,
+                None => Arc::new(MeshRegions::new(&setup.mesh, &setup.interactions)?),
+            },
             mesh: setup.mesh,
             frame,
             shaft: setup.shaft,

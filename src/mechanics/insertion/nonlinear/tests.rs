@@ -395,7 +395,7 @@ fn bone_on_the_way_is_found() {
         }),
         ..Interaction::default()
     };
-    let anatomy = MeshRegions::new(&setup.mesh, &[(2, bone)]);
+    let anatomy = MeshRegions::new(&setup.mesh, &[(2, bone)]).unwrap();
     let (tip, direction) = (Point3::new(X, 14.3, -5.0), Vector3::z_axis());
     let distance_mm = obstacle(&anatomy, &tip, &direction, 40.0).unwrap();
     // The layer's elements are those with their centroids in it: they begin within one row of the mesh.
