@@ -16,6 +16,7 @@
 //! # Ok::<(), insonify_base::document::InputError>(())
 //! ```
 
+mod breathing;
 mod check;
 pub mod deform;
 mod doubts;

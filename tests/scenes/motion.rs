@@ -738,3 +738,81 @@ fn the_scene_of_the_documentation_runs_on_a_recording() {
         scene.warnings
     );
 }
+
+/// Organs of the phantom in a breath of 5 s, on a mesh of cells of 11 mm.
+const BREATHING: &str =
+    "[deform]\nnodes = 20000\n[motion.breathing]\nrate_per_min = 12\ntravel_mm = { liver = 15, kidney = 10 }\n";
+
+#[test]
+fn organs_go_with_the_breath_and_bone_and_skin_rest() {
+    let scene = resolve(&small(BREATHING)).expect("scene");
+    assert_eq!(scene.frames(), 126);
+    let mesh = scene.anatomy.mesh.clone().expect("mesh");
+    let mut state = FrameState::at(Matrix4::identity());
+    let mut travel_mm = |frame: usize, name: &str| {
+        scene.state(frame, 126, &mut state).expect("state");
+        let nodes = state.nodes.as_ref().expect("nodes");
+        let volume = scene.anatomy.volume.undivided();
+        let is_named = |node: &[f64; 3]| {
+            let label = volume.label_index_at(&(*node).into()).filter(|label| *label > 0);
+            label.is_some_and(|label| scene.anatomy.tissues.tissue(label).name.contains(name))
+        };
+        let pairs = mesh.nodes().iter().zip(nodes).filter(|(rest, _)| is_named(rest));
+        let downwards: Vec<f64> = pairs
+            .map(|(rest, node)| {
+                assert_eq!(rest[..2], node[..2]);
+                rest[2] - node[2]
+            })
+            .collect();
+        assert!(!downwards.is_empty(), "no node in {name}");
+        let extremes = downwards
+            .iter()
+            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], mm| {
+                [low.min(*mm), high.max(*mm)]
+            });
+        assert!(extremes[1] - extremes[0] < 1e-9, "{name}: {extremes:?}");
+        extremes[0]
+    };
+    for (name, at_end_mm) in [("liver", 15.0), ("kidney", 10.0), ("bone", 0.0), ("skin", 0.0)] {
+        assert_eq!(travel_mm(0, name), 0.0, "{name}");
+        // A quarter of a breath, then half of one: sin^4 of 45 and of 90 degrees.
+        assert!(
+            (travel_mm(31, name) - at_end_mm * 0.246_7).abs() < 0.01 * at_end_mm + 1e-9,
+            "{name}"
+        );
+        assert!(
+            (travel_mm(63, name) - at_end_mm).abs() < 0.002 * at_end_mm + 1e-9,
+            "{name}"
+        );
+    }
+    // With a path the breath takes no part in the number of frames.
+    let along = resolve(&small(&format!("{LINE}{BREATHING}"))).expect("scene");
+    assert_eq!(along.frames(), 51);
+    // Without the table there is no mesh and no pass for one.
+    assert!(resolve(&small("")).expect("scene").anatomy.mesh.is_none());
+}
+
+#[test]
+fn breaths_that_cannot_be_meant_are_refused() {
+    for (travel, key, reason) in [
+        ("{ prostate = 5 }", "motion.breathing.travel_mm.prostate", "prostate"),
+        (
+            "{ liver = 150 }",
+            "motion.breathing.travel_mm.liver",
+            "a travel from 0 to 100 mm",
+        ),
+        (
+            "{ liver = 90 }",
+            "motion.breathing.travel_mm",
+            "elements of the mesh fold",
+        ),
+    ] {
+        let error = fault(&small(&BREATHING.replace("{ liver = 15, kidney = 10 }", travel)));
+        assert_eq!(error.key(), Some(key));
+        assert!(error.to_string().contains(reason), "{error}");
+    }
+    let error = fault(&small(&format!("{BREATHING}hold_s = [3, 2]\n")));
+    assert_eq!(error.key(), Some("motion.breathing.hold_s"));
+    let error = fault(&small(&BREATHING.replace("= 12", "= 0")));
+    assert_eq!(error.key(), Some("motion.breathing.rate_per_min"));
+}

@@ -81,7 +81,12 @@ impl ScenarioFile {
                 (file, folder, false)
             }
         };
-        let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
+        let breathes = file.motion.as_ref().is_some_and(|motion| motion.breathing.is_some());
+        let moving = [
+            ("needle", file.needle.is_some()),
+            ("deform", file.deform.is_some()),
+            ("motion.breathing", breathes),
+        ];
         if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
             let key_in_file = if is_inline {
                 format!("scene.{key}")
