@@ -434,6 +434,24 @@ pub fn register(
     })
 }
 
+/// Doubt of the unit of surface points (mm) that span about as much as the skin would in another unit.
+pub fn unit_doubt(surface: &[Point3<f64>], skin: &Skin) -> Option<String> {
+    /// Units by their length, mm; deviation of the logarithm of the ratio that is the same body.
+    const UNITS: [(&str, f64); 3] = [("centimetres", 10.0), ("inches", 25.4), ("metres", 1000.0)];
+    const SAME: f64 = 0.2;
+    let longest = |points: &[Point3<f64>]| {
+        let [low, high] = bounds(points.iter().copied());
+        (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max)
+    };
+    let [surface_mm, skin_mm] = [longest(surface), longest(skin.points())];
+    let ratio = skin_mm / surface_mm;
+    let (unit, mm) = UNITS.into_iter().find(|(_, mm)| (ratio / mm).ln().abs() < SAME)?;
+    Some(format!(
+        "the surface is {surface_mm:.1} mm long beside a body of {skin_mm:.0} mm: in {unit} it would be {:.0} mm",
+        surface_mm * mm
+    ))
+}
+
 /// RMS without outliers, and 95th percentile, of distances.
 fn spread(distances: &[f64]) -> [f64; 2] {
     let mut sorted = distances.to_vec();

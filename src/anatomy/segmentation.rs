@@ -49,6 +49,8 @@ pub struct Segmentation {
     pub notes: Notes,
     /// Warnings, one sentence each.
     pub warnings: Vec<String>,
+    /// Whether the labels are closed surfaces, whose files state no unit.
+    is_of_surfaces: bool,
 }
 
 impl From<LabelVolume> for Segmentation {
@@ -58,6 +60,7 @@ impl From<LabelVolume> for Segmentation {
             by_value: None,
             notes: Notes::default(),
             warnings: Vec::new(),
+            is_of_surfaces: false,
         }
     }
 }

@@ -71,7 +71,7 @@ const KINDS: &[Foreign] = &[
     Foreign { name: "a PLY surface", marks: &[&[At(0, b"ply\n")], &[At(0, b"ply\r")]], endings: &[".ply"], labels: Some(SURFACE), mesh: FILLED },
     Foreign { name: "an OBJ surface", marks: &[&[Is(is_obj)]], endings: &[".obj"], labels: Some(SURFACE), mesh: FILLED },
     Foreign { name: "a VTK surface", marks: &[&[At(0, b"# vtk DataFile"), Within(b"POLYDATA")], &[Within(b"<VTKFile"), Within(b"\"PolyData\"")]], endings: &[".vtp"], labels: Some(SURFACE), mesh: None },
-    Foreign { name: "an image of VTK", marks: &[&[At(0, b"# vtk DataFile"), Within(b"STRUCTURED_POINTS")], &[Within(b"<VTKFile"), Within(b"\"ImageData\"")]], endings: &[".vti"], labels: Some("it has no anatomical directions: save it as NRRD or MetaImage, in 3D Slicer or ParaView"), mesh: None },
+    Foreign { name: "an image of VTK", marks: &[&[At(0, b"# vtk DataFile"), Within(b"STRUCTURED_POINTS")], &[At(0, b"# vtk DataFile"), Within(b"RECTILINEAR_GRID")], &[Within(b"<VTKFile"), Within(b"\"ImageData\"")]], endings: &[".vti"], labels: Some("it has no anatomical directions: save it as NRRD or MetaImage, in 3D Slicer or ParaView"), mesh: None },
     Foreign { name: "an XDMF file", marks: &[&[Within(b"<Xdmf")]], endings: &[".xdmf"], labels: Some(OTHER_MESH), mesh: MESHIO },
     Foreign { name: "a FEBio file", marks: &[&[Within(b"<febio_spec")]], endings: &[".feb"], labels: Some(OTHER_MESH), mesh: MESHIO },
     Foreign { name: "an LS-DYNA file", marks: &[&[At(0, b"*KEYWORD")], &[Within(b"\n*KEYWORD")]], endings: &[], labels: Some(OTHER_MESH), mesh: MESHIO },

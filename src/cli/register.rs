@@ -7,7 +7,9 @@ use nalgebra::{Point3, Vector3};
 
 use insonify_anatomy::registration::skin::Skin;
 use insonify_anatomy::registration::surface::{landmarks, read};
-use insonify_anatomy::registration::{Known, LANDMARK_MM, Quadratic, Registration, corners, register, resample};
+use insonify_anatomy::registration::{
+    Known, LANDMARK_MM, Quadratic, Registration, corners, register, resample, unit_doubt,
+};
 use insonify_anatomy::segmentation;
 use insonify_anatomy::volume::complete::{CompleteOptions, complete};
 use insonify_anatomy::volume::{Label, LabelVolume, save};
@@ -146,6 +148,14 @@ impl Register {
             accuracy_mm: self.landmark_mm,
         };
         let targets = centres(&volume, labels);
+        if let Some(doubt) = unit_doubt(&surface, &skin) {
+            let remedy = if self.has_triangles() {
+                "state its unit with --unit"
+            } else {
+                "write its points in mm"
+            };
+            terminal::warn(format_args!("{doubt}: {remedy}"));
+        }
         let registration = stage::during("registering", || {
             register(&surface, &skin, &corners(&volume), known, &targets)
         })?;

@@ -190,7 +190,16 @@ fn transforms_named_after_nodes_can_be_named() {
     // One that is not there is refused with the list.
     let error = fault(&sequence("transform = \"LinearTransform_4\""));
     assert_eq!(error.key(), Some("motion.sequence.transform"));
-    assert!(fault(&sequence("")).to_string().contains("it has LinearTransform_3"));
+    assert!(error.to_string().contains("it has LinearTransform_3"), "{error}");
+    let error = fault(&sequence(""));
+    assert!(error.to_string().contains("it has LinearTransform_3"));
+    assert_eq!(error.help(), Some("did you mean \"LinearTransform_3\"?"));
+    // Near miss: a misspelt pair that moves.
+    let (_folder, file) = poses("ProbeToTrackerTransform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1");
+    let error = fault(&small(&format!(
+        "[motion.sequence]\nfile = {file}\ntransform = \"ProbeToTracer\""
+    )));
+    assert_eq!(error.help(), Some("did you mean \"ProbeToTracker\"?"));
 }
 
 #[test]

@@ -455,3 +455,17 @@ fn landmarks_are_met_within_their_accuracy() {
     marks[0].volume_mm.x += 30.0;
     assert!(farthest(&marks, 1.0) > 20.0);
 }
+
+#[test]
+fn a_surface_in_another_unit_is_told_by_the_size_of_the_body() {
+    let skin = skin();
+    let shrunk = |factor: f64| -> Vec<Point3<f64>> { skin.points().iter().map(|point| point / factor).collect() };
+    for (factor, unit) in [(10.0, "in centimetres it would be"), (25.4, "in inches it would be")] {
+        let doubt = unit_doubt(&shrunk(factor), &skin).unwrap();
+        assert!(doubt.contains(unit), "{doubt}");
+    }
+    // Near misses: the surface itself, a child's, and a fifth of it.
+    for factor in [1.0, 1.6, 5.0] {
+        assert_eq!(unit_doubt(&shrunk(factor), &skin), None);
+    }
+}

@@ -78,14 +78,15 @@ impl Named {
     }
 }
 
-/// Least number of organs that show a factor on all lengths, and the largest logarithm of a volume between the extremes
+/// Least number of organs that show a factor on all lengths, of which names that files state need fewer, and the largest logarithm of a volume between the extremes
 /// of such organs.
 const SCALED_ORGANS: usize = 3;
+const SCALED_NAMED: usize = 2;
 const SCALED_SPREAD: f64 = 3.0;
 
 /// Factor by which lengths are too large, if most organs have implausible volumes and all are off by about the same
 /// factor; otherwise 1.
-fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
+fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents, least: usize) -> f64 {
     let (mut logarithms, mut odd) = (Vec::new(), 0);
     for named in named {
         let Some(organ) = named.known().filter(|organ| organ.adult_ml > 0.0) else {
@@ -99,7 +100,7 @@ fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
     }
     let extreme = |fold: fn(f64, f64) -> f64| logarithms.iter().copied().reduce(fold).unwrap_or(0.0);
     let spread = extreme(f64::max) - extreme(f64::min);
-    let is_scaled = logarithms.len() >= SCALED_ORGANS && 2 * odd > logarithms.len() && spread < SCALED_SPREAD;
+    let is_scaled = logarithms.len() >= least && 2 * odd > logarithms.len() && spread < SCALED_SPREAD;
     if is_scaled {
         (logarithms.iter().sum::<f64>() / logarithms.len() as f64 / 3.0).exp()
     } else {
@@ -109,8 +110,13 @@ fn scale<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents) -> f64 {
 
 fn scale_text(scale: f64) -> String {
     if scale < 1.0 {
+        let unit = if (0.07..0.14).contains(&scale) {
+            ", as if in centimetres"
+        } else {
+            ""
+        };
         format!(
-            "all organs are too small alike, by a factor of about 1/{:.0} in length",
+            "all organs are too small alike, by a factor of about 1/{:.0} in length{unit}",
             1.0 / scale
         )
     } else {
@@ -157,7 +163,12 @@ impl Fit {
             .iter()
             .filter(|named| extents.labels[named.label].ml > 0.0)
             .collect();
-        let scale = scale(present.iter().copied(), extents);
+        let least = if frame == Frame::Body {
+            SCALED_ORGANS
+        } else {
+            SCALED_NAMED
+        };
+        let scale = scale(present.iter().copied(), extents, least);
         if scale != 1.0 {
             fit.score += SCALED;
             fit.scaled = Some(scale_text(scale));

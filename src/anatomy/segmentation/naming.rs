@@ -244,12 +244,18 @@ impl Segmentation {
         } = Fit::of(&self.volume, extents, &names, Frame::File { slant: SLANT });
         let remedy = match self.by_value {
             Some(_) => "name the labels with --names FILE, or choose another volume.preset",
+            None if self.is_of_surfaces => "check names, unit (taken as mm) and orientation",
             None => "check names, voxel spacing and orientation",
+        };
+        let scale = if self.is_of_surfaces {
+            "the unit of the surfaces, which is taken as mm"
+        } else {
+            "the voxel spacing and its unit"
         };
         let odd: Vec<String> = odd.into_iter().map(|(_, odd)| odd).collect();
         let odd = (!odd.is_empty()).then(|| format!("{}: {remedy}", odd.join(", ")));
         let turned = turned.map(|turned| format!("{turned}: check its orientation, not its names"));
-        let scaled = scaled.map(|scaled| format!("{scaled}: check the voxel spacing and its unit, not the names"));
+        let scaled = scaled.map(|scaled| format!("{scaled}: check {scale}, not the names"));
         scaled.into_iter().chain(turned).chain(odd).collect()
     }
 }

@@ -11,7 +11,7 @@ use super::Segmentation;
 use super::folder::{Mask, Union};
 use crate::registration::surface::plausible;
 use crate::volume::complete::is_body;
-use crate::volume::{At, Label, LabelVolume, VolumeError};
+use crate::volume::{self, At, Label, LabelVolume, VolumeError};
 use insonify_base::memory;
 use insonify_base::text::some_of;
 use insonify_mesh::file::{SURFACES, SurfaceFile};
@@ -127,9 +127,10 @@ impl Cubes {
 /// Reads closed surfaces as one volume; where they overlap, the smaller ones lie above the larger.
 pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -> Result<Segmentation, VolumeError> {
     let mut solids = Vec::new();
-    let (mut nameless, mut turned) = (Vec::new(), Vec::new());
+    let (mut nameless, mut turned, mut split) = (Vec::new(), Vec::new(), Vec::new());
     for file in files {
-        let surface = SurfaceFile::read(file).map_err(|error| VolumeError::new(error.to_string()))?;
+        let surface = SurfaceFile::read(file)
+            .map_err(|error| volume::foreign::image(file).unwrap_or_else(|| VolumeError::new(error.to_string())))?;
         if surface.is_outside {
             let instead = "give a volume of labels, or a surface; `insonify mesh info` looks into a mesh";
             return Err(VolumeError::unsupported(
@@ -145,21 +146,30 @@ pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -
             Some(true) => turned.push(name.clone()),
             Some(false) => {}
         }
+        let mask = |name: String| Mask {
+            path: file.clone(),
+            name,
+        };
+        let parts = surface.parts();
+        let closed = parts
+            .iter()
+            .map(|(part, surface)| Some((mask((*part).to_owned()), Solid::new(surface).ok()?)));
+        if let Some(closed) = closed.collect::<Option<Vec<_>>>().filter(|closed| !closed.is_empty()) {
+            split.push(name);
+            solids.extend(closed);
+            continue;
+        }
         let solid = Solid::new(&surface).map_err(|open| {
             let expected = "a closed surface, whose inside is the label (MeshLab and ParaView close holes)";
             VolumeError::malformed(file, At::Voxels, open, expected)
         })?;
-        solids.push((
-            Mask {
-                path: file.clone(),
-                name,
-            },
-            solid,
-        ));
+        solids.push((mask(name), solid));
     }
-    if let Some([one, two]) = solids.array_windows().find(|[one, two]| one.0.name == two.0.name) {
-        let found = format!("{} and {}", one.0.path.display(), two.0.path.display());
-        return Err(VolumeError::malformed(path, At::Folder, found, "one file a name"));
+    for (index, (two, _)) in solids.iter().enumerate() {
+        if let Some((one, _)) = solids[..index].iter().find(|(one, _)| one.name == two.name) {
+            let found = format!("{} and {}", one.path.display(), two.path.display());
+            return Err(VolumeError::malformed(path, At::Folder, found, "one file a name"));
+        }
     }
     let bounds = crate::registration::bounds(solids.iter().flat_map(|(_, solid)| solid.points().copied()));
     let longest = (0..3).map(|axis| bounds[1][axis] - bounds[0][axis]).fold(0.0, f64::max);
@@ -183,14 +193,22 @@ pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -
     let mut segmentation = Segmentation::from(volume.map_err(|error| error.in_file(path))?);
     let [x, y, z] = grid.size;
     let mut note = format!(
-        "{}: {} closed surfaces are labels on a grid of {} mm ({x} x {y} x {z} voxels{}), named by their files",
+        "{}: {} on a grid of {} mm ({x} x {y} x {z} voxels{}), named by {}",
         path.display(),
-        files.len(),
+        match solids.len() {
+            1 => "1 closed surface is a label".to_owned(),
+            n => format!("{n} closed surfaces are labels"),
+        },
         round(grid.voxel_mm),
         if resolution_mm.is_none() {
             "; `volume.resolution_mm` states another"
         } else {
             ""
+        },
+        match (&split[..], files.len()) {
+            ([], 1) => "its file".to_owned(),
+            ([], _) => "their files".to_owned(),
+            (split, _) => format!("the objects of {}", some_of(split)),
         }
     );
     if !turned.is_empty() {
@@ -202,6 +220,7 @@ pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -
             some_of(&nameless)
         ));
     }
+    segmentation.is_of_surfaces = true;
     segmentation.notes.push(note);
     segmentation.notes.extend(covered);
     if !thin.is_empty() {

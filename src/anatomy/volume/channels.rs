@@ -77,7 +77,8 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     let refused = |value: f64, channel: usize| {
         let found = format!("axis {axis} with {count} entries that are no masks ({value} in entry {channel})");
         let instead = format!(
-            "masks of 0 and 1 are read as labels; of anything else save one entry, 0 to {}, as a volume of three axes",
+            "masks of 0 and 1 are read as labels; of probabilities save the number of the largest (argmax along this axis), of anything else \
+             save one entry, 0 to {}, as a volume of three axes",
             count - 1
         );
         header.unsupported(found, instead)
@@ -198,7 +199,10 @@ pub(super) fn flattened(of_voxels: &[u32], sets: &[Vec<usize>], names: &[Option<
     }
     let named = |channel: usize| {
         let name = names[channel].clone();
-        (name.unwrap_or_else(|| format!("mask {channel}")), claimed[channel])
+        (
+            name.unwrap_or_else(|| format!("label {}", channel + 1)),
+            claimed[channel],
+        )
     };
     Flattened {
         voxels: of_voxels.iter().map(|&set| tops[set as usize]).collect(),
@@ -247,7 +251,7 @@ mod tests {
             assert_eq!(
                 loaded.warnings,
                 [
-                    "masks overlap, and a body lies below organs, a larger one below a smaller one: mask 0: 33 % covered by mask 1"
+                    "masks overlap, and a body lies below organs, a larger one below a smaller one: label 1: 33 % covered by label 2"
                 ]
             );
         }

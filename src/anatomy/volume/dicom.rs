@@ -11,6 +11,7 @@ use nalgebra::{Matrix4, Vector3};
 
 use super::channels::{Sets, flattened};
 use super::error::{At, VolumeError};
+use super::names::coded;
 use super::{Loaded, extent};
 
 /// Class of segmentations of one bit or one probability a voxel.
@@ -212,7 +213,8 @@ fn array<const N: usize>(numbers: Option<Vec<f64>>) -> Option<[f64; N]> {
     numbers?.try_into().ok()
 }
 
-/// Names of the segments by number: their label, or what they are where the label says nothing, with the side.
+/// Names of the segments by number: their label, or what they are where the label is the name of no tissue, with the
+/// side.
 fn segments(object: &InMemDicomObject) -> BTreeMap<u16, String> {
     let text = |item: &InMemDicomObject, tag: Tag| {
         let text = item.get(tag)?.to_str().ok()?.trim().to_owned();
@@ -232,7 +234,7 @@ fn segments(object: &InMemDicomObject) -> BTreeMap<u16, String> {
                 .trim_start_matches("segment")
                 .contains(char::is_alphabetic)
         };
-        let name = text(item, tags::SEGMENT_LABEL).filter(says).or(kind);
+        let name = coded(text(item, tags::SEGMENT_LABEL).filter(says), kind);
         Some((number, name?))
     });
     named.collect()

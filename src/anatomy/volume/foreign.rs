@@ -58,15 +58,28 @@ fn kind(path: &Path, start: &[u8]) -> Option<VolumeError> {
     Some(VolumeError::unsupported(path, At::Byte(0), kind.name, kind.labels?))
 }
 
+/// Refusal of a file that is an image of VTK.
+pub(crate) fn image(path: &Path) -> Option<VolumeError> {
+    let start = start_of(path).ok()?;
+    Foreign::of_file(path, &start)
+        .filter(|kind| kind.name == "an image of VTK")
+        .and_then(|_| kind(path, &start))
+}
+
 /// Refusal of a folder without masks, by the first of its files that is of a known kind.
 pub(crate) fn in_folder(folder: &Path) -> Option<VolumeError> {
     let entries = std::fs::read_dir(folder).ok()?;
     let mut paths: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
     paths.sort();
     paths.iter().filter(|path| path.is_file()).take(FILES).find_map(|path| {
-        let kind = Foreign::of_file(path, &start_of(path).ok()?)?;
+        let start = start_of(path).ok()?;
+        let kind = Foreign::of_file(path, &start)?;
         let name = path.file_name().unwrap_or_default().display();
         let found = format!("a folder with {} ({name}) and no mask", kind.name);
+        if FORMATS.iter().any(|format| (format.recognises)(&start)) {
+            let instead = format!("give the file itself: {}", path.display());
+            return Some(VolumeError::unsupported(folder, At::Folder, found, instead));
+        }
         Some(VolumeError::unsupported(folder, At::Folder, found, kind.labels?))
     })
 }

@@ -237,7 +237,10 @@ impl Header {
             return Err(self.malformed(
                 format!(
                     "axis steps ({}) mm, which span no volume",
-                    [x, y, z].map(|d| format!("{} {} {}", d.x, d.y, d.z)).join(") (")
+                    [x, y, z]
+                        // Adding 0 makes a 0 of -0.
+                        .map(|d| format!("{} {} {}", d.x + 0.0, d.y + 0.0, d.z + 0.0))
+                        .join(") (")
                 ),
                 "three independent directions with spacing above 0",
             ));

@@ -4,6 +4,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write;
 
+use crate::acoustics::known;
 use insonify_base::text::unescape;
 use serde_json::Value;
 
@@ -31,6 +32,35 @@ pub(super) struct Segment {
     pub value: Option<i64>,
     /// Layer; 0 if not stated.
     pub layer: usize,
+    /// What a code of its terminology says that it is.
+    pub code: Option<String>,
+}
+
+/// Name of a segment: what its code says where its own name is that of no tissue.
+pub(super) fn coded(name: Option<String>, code: Option<String>) -> Option<String> {
+    let is_known = |name: &String| known(name).is_some();
+    let code = code.filter(|code| is_known(code) || name.is_none());
+    match code {
+        Some(code) if !name.as_ref().is_some_and(is_known) => Some(code),
+        _ => name,
+    }
+}
+
+/// Type and side in the tags of a segment of 3D Slicer: context, category, type and its modifier, each of scheme, value
+/// and meaning. Segments of no stated type are of the type tissue.
+fn terminology(tags: &str) -> Option<String> {
+    const TISSUE: &str = "85756007";
+    let (_, entry) = tags.split_once("TerminologyEntry:")?;
+    let entry = entry.split('|').next()?;
+    let mut codes = entry.split('~').skip(2).map(|code| code.splitn(3, '^').skip(1));
+    let mut kind = codes.next()?;
+    let (value, meaning) = (kind.next()?, kind.next()?);
+    let side = codes
+        .next()
+        .and_then(|mut modifier| modifier.nth(1))
+        .unwrap_or_default();
+    let text = format!("{side} {meaning}").trim().to_owned();
+    (value != TISSUE && !meaning.is_empty()).then_some(text)
 }
 
 /// Parses the segments among the keys of a file by layer and value, those of 3D Slicer in file order. If two share
@@ -49,6 +79,7 @@ pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
             "Name" => segment.name = Some(value.clone()),
             "ID" if segment.name.is_none() => segment.name = Some(value.clone()),
             "LabelValue" => segment.value = value.trim().parse().ok(),
+            "Tags" => segment.code = terminology(value),
             "Layer" => segment.layer = value.trim().parse().unwrap_or(0),
             _ => {}
         }
@@ -56,7 +87,10 @@ pub(super) fn segments(key_values: &[(String, String)]) -> BTreeMap<(usize, i64)
     let mut by_place = groups(key_values);
     for segment in by_number.into_values() {
         let value = segment.value.unwrap_or(1);
-        by_place.entry((segment.layer, value)).or_insert(segment.name);
+        let name = segment.name.filter(|name| !name.trim().is_empty());
+        by_place
+            .entry((segment.layer, value))
+            .or_insert_with(|| coded(name, segment.code));
     }
     by_place
 }
@@ -184,6 +218,30 @@ mod tests {
             ((2, 1), Some("only_id".to_owned())),
         ];
         assert_eq!(read, BTreeMap::from(expected));
+    }
+
+    #[test]
+    fn a_code_names_what_its_own_name_does_not() {
+        let tags = |code: &str, side: &str| {
+            format!(
+                "Segmentation.Status:completed|TerminologyEntry:list~SCT^123037004^Anatomical Structure~SCT^{code}~{side}~~^^~^^|"
+            )
+        };
+        let kidney = tags("64033007^Kidney", "SCT^7771000^Left");
+        for (name, tags, expected) in [
+            ("Segment_1", tags("10200004^Liver", "^^"), "Liver"),
+            ("Niere links", kidney.clone(), "Left Kidney"),
+            // Near misses: a known name, the code of all segments, and one of no tissue.
+            ("spleen", kidney, "spleen"),
+            ("Segment_1", tags("85756007^Tissue", "^^"), "Segment_1"),
+            ("Segment_1", tags("1^Thing", "^^"), "Segment_1"),
+        ] {
+            let keys = [
+                ("Segment0_Name".to_owned(), name.to_owned()),
+                ("Segment0_Tags".to_owned(), tags),
+            ];
+            assert_eq!(segments(&keys)[&(0, 1)].as_deref(), Some(expected), "{name}");
+        }
     }
 
     #[test]

@@ -228,9 +228,12 @@ impl SceneFile {
             .any(|frame| frame.transforms.contains_key(transform));
         // A transform named after its node joins two frames without names.
         let Some((from, to)) = ends(transform).or(named.then_some((transform, ""))) else {
-            let wrong = InvalidFile::name(transform, "a transform such as `ProbeToTracker`");
-            let (_, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
-            return Err(self.fault(format!("{key}.transform"), wrong).with_help(help));
+            let (has, help) = known_transforms(&sequence, &defined, transform, ["", ""]);
+            let problem = InvalidFile::Unknown(format!(
+                "no frame of {} has `{transform}`; it has {has}; expected one of these, or a pair such as `ProbeToTracker`",
+                path.display()
+            ));
+            return Err(self.fault(format!("{key}.transform"), problem).with_help(help));
         };
         let recorded = |frame: &SequenceFrame| match frame.transforms.get(transform) {
             // An invalid pose stays so, even where other transforms could replace it: the tracker had lost
@@ -432,14 +435,34 @@ fn known_transforms(
         *valid.entry(name).or_default() |= transform.valid;
     }
     let names = valid.keys().copied().chain(defined.keys().map(String::as_str));
-    let systems: BTreeSet<&str> = names.clone().filter_map(ends).flat_map(<[&str; 2]>::from).collect();
+    let systems: BTreeSet<&str> = names.filter_map(ends).flat_map(<[&str; 2]>::from).collect();
+    let moving: BTreeSet<&str> = valid
+        .keys()
+        .copied()
+        .filter_map(ends)
+        .flat_map(<[&str; 2]>::from)
+        .collect();
     let pairs = systems.iter().flat_map(|from| systems.iter().map(move |to| (from, to)));
-    let pairs = pairs.filter(|(from, to)| from != to);
+    // What the configuration alone defines does not move.
+    let pairs = pairs.filter(|(from, to)| from != to && (moving.contains(*from) || moving.contains(*to)));
     let candidates: Vec<String> = pairs.map(|(from, to)| format!("{from}To{to}")).collect();
     // A suggestion helps with a coordinate system that nobody names; a pair of known ones is absent, not misspelt.
-    let misspelt = !ends_of_it.iter().all(|end| systems.contains(end));
-    let meant = nearest(wanted, candidates.iter().map(String::as_str)).filter(|_| misspelt);
-    let help = meant.map(|meant| format!("did you mean \"{meant}\"?"));
+    let misspelt = !ends_of_it.iter().all(|end| moving.contains(end));
+    let nodes: Vec<&str> = valid
+        .iter()
+        .filter(|(name, is_valid)| **is_valid && ends(name).is_none() && **name != CROP)
+        .map(|(name, _)| *name)
+        .collect();
+    let near = nearest(
+        wanted,
+        candidates.iter().map(String::as_str).chain(nodes.iter().copied()),
+    );
+    let help = match (near.filter(|_| misspelt), &nodes[..]) {
+        (Some(meant), _) => Some(format!("did you mean \"{meant}\"?")),
+        (None, []) => None,
+        (None, [node]) => Some(format!("did you mean \"{node}\"?")),
+        (None, nodes) => Some(format!("name that of the probe: {}", nodes.join(", "))),
+    };
     let frames = sequence.frames.len();
     let has = valid.into_iter().map(|(name, valid)| {
         if valid {

@@ -27,6 +27,8 @@ pub struct SurfaceFile {
     pub is_ras: Option<bool>,
     /// Whether the triangles are the outer faces of tetrahedra.
     pub is_outside: bool,
+    /// Names of the objects of an OBJ file, or without any of its groups, with their first triangles.
+    pub objects: Vec<(String, usize)>,
 }
 
 impl SurfaceFile {
@@ -84,6 +86,37 @@ impl SurfaceFile {
                 None => Ok(surface.without_inner_points()),
             },
         }
+    }
+
+    /// Objects with triangles, by name, if there are several: triangles of one name belong together.
+    pub fn parts(&self) -> Vec<(&str, Self)> {
+        let mut parts: Vec<(&str, Self)> = Vec::new();
+        let ends = self.objects.iter().skip(1).map(|(_, first)| *first);
+        let ends = ends.chain([self.triangles.len()]);
+        for ((name, first), end) in self.objects.iter().zip(ends) {
+            let triangles = &self.triangles[*first..end];
+            match parts.iter_mut().find(|(known, _)| known == name) {
+                _ if triangles.is_empty() => {}
+                Some((_, part)) => part.triangles.extend(triangles),
+                None => parts.push((
+                    name,
+                    Self {
+                        triangles: triangles.to_vec(),
+                        is_ras: self.is_ras,
+                        ..Self::default()
+                    },
+                )),
+            }
+        }
+        let count: usize = parts.iter().map(|(_, part)| part.triangles.len()).sum();
+        if parts.len() < 2 || count < self.triangles.len() {
+            return Vec::new();
+        }
+        for (_, part) in &mut parts {
+            let kept = renumber(part.triangles.as_flattened_mut(), self.points.len());
+            part.points = kept.iter().map(|point| self.points[*point]).collect();
+        }
+        parts
     }
 
     /// Longest side of the box around the points.
@@ -187,7 +220,7 @@ fn stl(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
         points: points.positions,
         triangles,
         is_ras: stated_axes(&bytes[..TITLE]),
-        is_outside: false,
+        ..SurfaceFile::default()
     })
 }
 
@@ -239,13 +272,14 @@ fn ascii_stl(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
         points: points.positions,
         triangles,
         is_ras,
-        is_outside: false,
+        ..SurfaceFile::default()
     })
 }
 
 fn obj(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
     let mut cursor = Cursor::new(bytes);
     let mut surface = SurfaceFile::default();
+    let mut has_objects = false;
     while !cursor.rest().is_empty() {
         let (start, word) = cursor.word();
         match word {
@@ -285,6 +319,17 @@ fn obj(bytes: &[u8]) -> Result<SurfaceFile, Fault> {
                     ));
                 }
                 surface.push_polygon(&corners);
+            }
+            b"o" | b"g" => {
+                let is_object = word == b"o";
+                let name = String::from_utf8_lossy(cursor.line()).trim().to_owned();
+                if is_object && !has_objects {
+                    surface.objects.clear();
+                    has_objects = true;
+                }
+                if is_object == has_objects && !name.is_empty() {
+                    surface.objects.push((name, surface.triangles.len()));
+                }
             }
             _ => {
                 // The word may be the whole line, whose end is then next.

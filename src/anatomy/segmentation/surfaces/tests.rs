@@ -167,8 +167,7 @@ fn surface(shape: &Shape) -> SurfaceFile {
     SurfaceFile {
         points: shape.0.clone(),
         triangles: shape.1.clone(),
-        is_ras: None,
-        is_outside: false,
+        ..SurfaceFile::default()
     }
 }
 
@@ -295,5 +294,112 @@ fn the_grid_may_be_stated() {
     assert!(
         error.key() == Some("resolution_mm") && error.to_string().contains("a.nrrd"),
         "{error}"
+    );
+}
+
+#[test]
+fn objects_of_one_file_are_labels_of_their_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("organs.obj");
+    let cubes = |word: &str, side: f64| {
+        let (mut text, mut first) = (String::new(), 1);
+        for (name, x) in [("liver", 0.0), ("kidney_right", 100.0), ("spleen", 200.0)] {
+            text.push_str(&format!("{word} {name}\n"));
+            for corner in 0..8 {
+                let [dx, y, z] = [0, 1, 2].map(|axis| f64::from(corner >> axis & 1) * side);
+                text.push_str(&format!("v {} {y} {z}\n", x + dx));
+            }
+            for face in [
+                [0, 2, 3, 1],
+                [4, 5, 7, 6],
+                [0, 1, 5, 4],
+                [2, 6, 7, 3],
+                [0, 4, 6, 2],
+                [1, 3, 7, 5],
+            ] {
+                let corners = face.map(|corner| (corner + first).to_string());
+                text.push_str(&format!("f {}\n", corners.join(" ")));
+            }
+            first += 8;
+        }
+        text
+    };
+    let read = |text: String| {
+        fs::write(&path, text).unwrap();
+        super::super::open_on(&path, &super::super::Naming::default(), Some(4.0)).unwrap()
+    };
+    for word in ["o", "g"] {
+        let read = read(cubes(word, 60.0));
+        let names: Vec<_> = read.volume.labels()[1..]
+            .iter()
+            .filter_map(|label| label.name.clone())
+            .collect();
+        assert_eq!(names.len(), 3, "{names:?}");
+        assert!(
+            ["liver", "kidney_right", "spleen"]
+                .iter()
+                .all(|name| names.contains(&(*name).to_owned()))
+        );
+        assert!(
+            read.notes[0].contains("3 closed surfaces are labels") && read.notes[0].contains("objects of organs"),
+            "{:?}",
+            read.notes
+        );
+    }
+    // Near misses: parts that are not closed, and one object.
+    let open = cubes("o", 60.0).replace("f 10 12 16 14\n", "o lid\nf 10 12 16 14\n");
+    let one = cubes("o", 60.0)
+        .replacen("o kidney_right\n", "", 1)
+        .replacen("o spleen\n", "", 1);
+    for text in [open, one] {
+        let read = read(text);
+        assert_eq!(
+            read.volume.labels()[1].name.as_deref(),
+            Some("organs"),
+            "{:?}",
+            read.notes
+        );
+        assert!(
+            read.notes[0].contains("1 closed surface is a label"),
+            "{:?}",
+            read.notes
+        );
+    }
+}
+
+#[test]
+fn surfaces_in_centimetres_are_told_their_unit() {
+    let folder = tempfile::tempdir().unwrap();
+    let read = |scale: f64| {
+        for (name, side) in [("liver", 110.0), ("spleen", 60.0)] {
+            let shape = Shape::cuboid([side * scale; 3]);
+            shape.write(&folder.path().join(format!("{name}.obj")), "SPACE=LPS");
+        }
+        super::super::open(folder.path(), &super::super::Naming::default())
+            .unwrap()
+            .warnings
+    };
+    let warnings = read(0.1);
+    assert!(
+        warnings
+            .iter()
+            .any(|line| line.contains("as if in centimetres: check the unit of the surfaces, which is taken as mm")),
+        "{warnings:?}"
+    );
+    assert!(read(1.0).is_empty(), "{:?}", read(1.0));
+}
+
+#[test]
+fn an_image_of_vtk_is_named_as_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("labels.vtk");
+    let text = "# vtk DataFile Version 3.0\nx\nASCII\nDATASET STRUCTURED_POINTS\nDIMENSIONS 2 2 2\n";
+    fs::write(&path, text).unwrap();
+    let refused = super::super::open(&path, &super::super::Naming::default())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        refused.contains("an image of VTK") && refused.contains("save it as NRRD"),
+        "{refused}"
     );
 }

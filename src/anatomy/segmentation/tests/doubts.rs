@@ -63,7 +63,7 @@ fn organs_that_are_all_too_small_or_large_are_a_matter_of_spacing() {
         };
         assert!(warning.starts_with(words), "{warning}");
         assert!(
-            warning.ends_with("in length: check the voxel spacing and its unit, not the names"),
+            warning.ends_with(": check the voxel spacing and its unit, not the names"),
             "{warning}"
         );
     }

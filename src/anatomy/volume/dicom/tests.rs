@@ -195,3 +195,18 @@ fn damaged_files_are_refused_or_read_but_never_a_panic() {
         }
     }
 }
+
+#[test]
+fn a_code_names_a_segment_whose_label_is_the_name_of_no_tissue() {
+    let named = |label: &str| {
+        let bytes = file(&FRAMES, |object| {
+            let mut segments = items(object, tags::SEGMENT_SEQUENCE).to_vec();
+            put(&mut segments[0], tags::SEGMENT_LABEL, VR::LO, label);
+            sequence(object, tags::SEGMENT_SEQUENCE, segments);
+        });
+        loaded(&bytes).unwrap().volume.labels()[1].name.clone()
+    };
+    assert_eq!(named("Niere links").as_deref(), Some("Right Kidney"));
+    // Near miss: a name that is known.
+    assert_eq!(named("spleen").as_deref(), Some("spleen"));
+}

@@ -24,8 +24,18 @@ pub(super) fn axes(
         3 => 0.001,
         _ => 1.0,
     };
-    let affine = if raw.sform_code > 0 {
-        let mut affine = Matrix3x4::from_fn(|row, column| raw.srow[row][column]);
+    let sform = Matrix3x4::from_fn(|row, column| raw.srow[row][column]);
+    let is_flat = (0..sizes.len().min(3)).any(|axis| (axis < 2 || sizes[axis] > 1) && sform.column(axis).norm() == 0.0);
+    if raw.sform_code > 0 && is_flat {
+        let other = if raw.qform_code > 0 {
+            "qform is"
+        } else {
+            "voxel sizes are"
+        };
+        warnings.push(format!("the sform spans no volume: the {other} used"));
+    }
+    let affine = if raw.sform_code > 0 && !is_flat {
+        let mut affine = sform;
         warnings.extend(take_missing_scale(raw, &sizes, &mut affine, mm));
         warnings.extend(contradiction(raw, &sizes, &affine, mm));
         affine

@@ -333,3 +333,29 @@ fn every_type_is_known_and_others_are_named() {
         );
     }
 }
+
+#[test]
+fn an_sform_that_spans_no_volume_gives_way_to_the_qform() {
+    let mut bytes = with(254, &1i16.to_le_bytes());
+    for (coded, told) in [(0i16, "the voxel sizes are used"), (1, "the qform is used")] {
+        bytes[252..254].copy_from_slice(&coded.to_le_bytes());
+        let header = read(&bytes).unwrap();
+        assert_eq!(
+            header.grid().unwrap().index_to_world.diagonal().as_slice(),
+            [-1.5, -2.0, 2.5, 1.0]
+        );
+        let warning = format!("the sform spans no volume: {told}");
+        assert!(header.warnings.contains(&warning), "{:?}", header.warnings);
+    }
+    // Near miss: an sform that spans one.
+    for row in 0..3 {
+        let start = 280 + 16 * row + 4 * row;
+        bytes[start..start + 4].copy_from_slice(&2f32.to_le_bytes());
+    }
+    let header = read(&bytes).unwrap();
+    assert_eq!(
+        header.grid().unwrap().index_to_world.diagonal().as_slice(),
+        [-2.0, -2.0, 2.0, 1.0]
+    );
+    assert!(header.warnings.iter().all(|line| !line.contains("spans no volume")));
+}

@@ -224,7 +224,7 @@ impl Grid {
         let scalars: Vec<String> = scalars.map(|array| format!("`{}`", array.name)).collect();
         let region_hint = (region.is_none() && !scalars.is_empty()).then(|| {
             format!(
-                "cell arrays: {}; all regions are 0: choose with `region_array`",
+                "cell arrays: {}; all regions are 0: choose with `region_array` or --region-array",
                 some_of(&scalars)
             )
         });
@@ -279,7 +279,7 @@ impl Grid {
         let array = array.filter(|array| !is_guess || may_be_regions(array, cells));
         if let Some(array) = array.filter(|_| is_guess) {
             warnings.push(format!(
-                "the regions are the cell array `{}`, the only one of whole numbers; `region_array` chooses another",
+                "the regions are the cell array `{}`, the only one of whole numbers; `region_array` or --region-array chooses another",
                 array.name
             ));
         }
