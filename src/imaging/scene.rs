@@ -16,7 +16,6 @@
 //! # Ok::<(), insonify_base::document::InputError>(())
 //! ```
 
-mod breathing;
 mod check;
 pub mod deform;
 mod doubts;

@@ -53,11 +53,6 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
             attenuation("bone", 19.0),
         ),
         (
-            "[needle]\ntip_mm = [-38, -94, -16]\nentry_mm = [-38, -40, -16]".to_owned(),
-            &["comes from within the body", "entry and its tip exchanged"],
-            "[needle]\ntip_mm = [-38, -40, -16]\nentry_mm = [-38, -94, -16]".to_owned(),
-        ),
-        (
             "[probe]\nfrequency_mhz = 50".to_owned(),
             &[
                 "soft tissue takes 750 dB from an echo of 150 mm",

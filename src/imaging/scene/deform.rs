@@ -1,5 +1,4 @@
-//! Kinematic tissue deformation: analytic fields, displacements from a mesh file, or respiration, on a mesh over the
-//! volume.
+//! Kinematic tissue deformation: analytic fields, or displacements from a mesh file, on a mesh over the volume.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -12,14 +11,10 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 
 use super::At;
-use super::breathing::{BreathingSpec, Inspired, LONGEST_MM, inspired};
 use super::file::SceneFile;
-use super::target::Body;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, InvalidFile};
-use insonify_base::note::Notes;
 use insonify_base::range::parameters;
-use insonify_base::text::some_of;
 use insonify_mesh::file::{ReadOptions, read_mesh};
 use insonify_mesh::{Displacement, TetMesh};
 
@@ -84,106 +79,69 @@ fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Displac
 }
 
 /// A position or displacement for each node, mm.
-pub(super) type Nodes = Vec<[f64; 3]>;
+type Nodes = Vec<[f64; 3]>;
 
-/// A mesh and its motions, whose displacements add up.
+/// A mesh and its motion.
 #[derive(Clone, Debug)]
 pub(super) struct Deformation {
     pub mesh: Arc<TetMesh>,
-    motions: Vec<Motion>,
-}
-
-/// Motion of the nodes of a mesh.
-#[derive(Clone, Debug)]
-struct Motion {
     /// Displacement of each node at an amplitude of 1, mm.
     displacements: Nodes,
-    course: Course,
-}
-
-/// Amplitude of a motion over time.
-#[derive(Clone, Debug)]
-enum Course {
     /// Points of time (s) and amplitude, in ascending time; one or more.
-    Points(Vec<[f64; 2]>),
-    Breathing(BreathingSpec),
+    amplitude: Vec<[f64; 2]>,
 }
 
-impl Course {
-    /// Amplitude at a time, s.
-    fn at(&self, time_s: f64) -> f64 {
-        let points = match self {
-            Course::Breathing(spec) => return spec.share_at(time_s),
-            Course::Points(points) => points,
-        };
-        let after = points.partition_point(|point| point[0] <= time_s);
-        let before = after.checked_sub(1).and_then(|index| points.get(index));
-        match (before, points.get(after)) {
+impl Deformation {
+    /// Times of the first and last change, s; `None` if the deformation is constant.
+    pub(super) fn span_s(&self) -> Option<[f64; 2]> {
+        match self.amplitude[..] {
+            [first, .., last] => Some([first[0], last[0]]),
+            _ => None,
+        }
+    }
+
+    /// Amplitude of the deformation at a time, s.
+    fn amplitude_at(&self, time_s: f64) -> f64 {
+        let after = self.amplitude.partition_point(|point| point[0] <= time_s);
+        match (
+            after.checked_sub(1).and_then(|index| self.amplitude.get(index)),
+            self.amplitude.get(after),
+        ) {
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * ((time_s - a[0]) / (b[0] - a[0])),
             (Some(point), None) | (None, Some(point)) => point[1],
             (None, None) => 1.0,
         }
     }
-}
-
-impl Deformation {
-    /// Times of the first and last change of a deformation, s, and those of a breath; `None` of what does not move.
-    pub(super) fn spans_s(&self) -> [Option<[f64; 2]>; 2] {
-        let mut spans = [None; 2];
-        for motion in &self.motions {
-            match &motion.course {
-                Course::Points(points) => {
-                    if let [first, .., last] = points[..] {
-                        spans[0] = Some([first[0], last[0]]);
-                    }
-                }
-                Course::Breathing(spec) => spans[1] = Some([0.0, spec.period_s()]),
-            }
-        }
-        spans
-    }
 
     /// Writes the current node positions at a time into `nodes`, reusing its memory.
     pub(crate) fn nodes_at(&self, time_s: f64, nodes: &mut Nodes) {
+        let amplitude = self.amplitude_at(time_s);
         nodes.clear();
-        nodes.extend_from_slice(self.mesh.nodes());
-        for motion in &self.motions {
-            let amplitude = motion.course.at(time_s);
-            for (node, by) in nodes.iter_mut().zip(&motion.displacements) {
-                *node = [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis]);
-            }
-        }
+        nodes.extend(
+            self.mesh
+                .nodes()
+                .iter()
+                .zip(&self.displacements)
+                .map(|(node, by)| [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis])),
+        );
     }
 }
 
 impl SceneFile {
-    /// Returns the deformation of the scene, if it has one: of `[deform]`, of respiration, or both.
-    pub(super) fn deformation(
-        &self,
-        body: &Body<'_>,
-        base: &Path,
-        notes: &mut Notes,
-        warnings: &mut Vec<String>,
-    ) -> Result<Option<Deformation>, InputError> {
-        let breathing = self.motion.as_ref().and_then(|motion| motion.breathing.as_ref());
-        let usual = DeformSpec::default();
-        let spec = match &self.deform {
-            Some(spec) => spec,
-            None if breathing.is_some() => &usual,
-            None => return Ok(None),
-        };
+    /// Returns the deformation of the scene, if it has one.
+    pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, InputError> {
+        let Some(spec) = &self.deform else { return Ok(None) };
         self.in_ranges("deform", spec)?;
         for (index, field) in spec.field.iter().enumerate() {
             field
                 .validate()
                 .map_err(|error| self.fault(format!("deform.field[{index}].{}", error.key), error))?;
         }
-        let is_still = spec.field.is_empty() && spec.mesh.is_none();
-        if is_still && breathing.is_none() {
+        if spec.field.is_empty() && spec.mesh.is_none() {
             return Err(self.wrong_keys("deform", "neither `field` nor `mesh`", "what deforms the tissue"));
         }
         let (mesh, mut displacements) = match &spec.mesh {
-            None => (self.mesh_over(body.volume, spec)?, None),
+            None => (self.mesh_over(volume, spec)?, None),
             Some(path) => self.mesh_file(&base.join(path), spec)?,
         };
         let mut sum = displacements
@@ -195,90 +153,11 @@ impl SceneFile {
                 *total = [0, 1, 2].map(|axis| total[axis] + by[axis]);
             }
         }
-        let mut motions = Vec::new();
-        if !is_still {
-            motions.push(Motion {
-                displacements: sum,
-                course: Course::Points(self.amplitude(spec)?),
-            });
-        }
-        if let Some(spec) = breathing {
-            motions.push(Motion {
-                displacements: self.inspired(spec, &mesh, body, notes, warnings)?,
-                course: Course::Breathing(spec.clone()),
-            });
-        }
-        let mesh = Arc::new(mesh);
-        Ok(Some(Deformation { mesh, motions }))
-    }
-
-    /// Displacements of a mesh's nodes at the end of inspiration, checked.
-    fn inspired(
-        &self,
-        spec: &BreathingSpec,
-        mesh: &TetMesh,
-        body: &Body<'_>,
-        notes: &mut Notes,
-        warnings: &mut Vec<String>,
-    ) -> Result<Nodes, InputError> {
-        let key = "motion.breathing";
-        self.in_ranges(key, spec)?;
-        for (organ, &travel_mm) in spec.travel_mm.iter().flatten() {
-            if !(0.0..=LONGEST_MM).contains(&travel_mm) {
-                let fault = InvalidFile::number(travel_mm, "a travel from 0 to 100 mm");
-                return Err(self.fault(format!("{key}.travel_mm.{organ}"), fault));
-            }
-        }
-        if let Some([from, to]) = spec.hold_s
-            && !(from.is_finite() && to.is_finite() && from < to)
-        {
-            let found = format!("`hold_s` from {from} to {to}");
-            return Err(self.wrong_keys(
-                "motion.breathing.hold_s",
-                found,
-                "two times in s, the first before the second",
-            ));
-        }
-        let Inspired {
-            displacements,
-            unresolved,
-            absent,
-        } = inspired(spec, mesh, body);
-        if let Some(organ) = absent.first() {
-            let known = InvalidFile::name(organ, "a label of the volume, a part of its name, or a tissue");
-            return Err(self.fault(format!("{key}.travel_mm.{organ}"), known));
-        }
-        let at_end: Nodes = mesh
-            .nodes()
-            .iter()
-            .zip(&displacements)
-            .map(|(node, by)| [0, 1, 2].map(|axis| node[axis] + by[axis]))
-            .collect();
-        let volumes = mesh.volumes(mesh.nodes()).zip(mesh.volumes(&at_end));
-        let inverted = volumes
-            .filter(|(rest, inspired)| *rest > 0.0 && *inspired <= 0.0)
-            .count();
-        if inverted > 0 {
-            let found = format!("a travel by which {inverted} elements of the mesh fold at the end of inspiration");
-            return Err(self.wrong_keys(
-                "motion.breathing.travel_mm",
-                found,
-                "a shorter one, or fewer `deform.nodes`",
-            ));
-        }
-        if displacements.iter().all(|by| by[2] == 0.0) {
-            warnings.push(format!(
-                "{key} moves nothing: the volume has no organ that goes with the diaphragm; state `travel_mm`"
-            ));
-        }
-        if !unresolved.is_empty() {
-            notes.push(format!(
-                "no node of the mesh lies in {}: it goes with what surrounds it (`deform.nodes` = {} or more gives finer ones)",
-                some_of(&unresolved),
-                8 * mesh.nodes().len()
-            ));
-        }
-        Ok(displacements)
+        Ok(Some(Deformation {
+            mesh: Arc::new(mesh),
+            displacements: sum,
+            amplitude: self.amplitude(spec)?,
+        }))
     }
 
     fn mesh_over(&self, volume: &LabelVolume, spec: &DeformSpec) -> Result<TetMesh, InputError> {
@@ -306,8 +185,7 @@ impl SceneFile {
             ..ReadOptions::default()
         };
         let file = read_mesh(path, &options).at(self, "deform.mesh")?;
-        let breathes = self.motion.as_ref().is_some_and(|motion| motion.breathing.is_some());
-        if file.displacements.is_none() && spec.field.is_empty() && !breathes {
+        if file.displacements.is_none() && spec.field.is_empty() {
             return Err(self.wrong_keys(
                 "deform.mesh",
                 format!("no point array `displacement` in {}", path.display()),

@@ -17,10 +17,6 @@ const SILENT_DB: f64 = 130.0;
 /// Length, over the usual one of the kind, up to which it may be in centimetres.
 const OF_USUAL: f64 = 0.13;
 
-/// Distance behind the tip of a needle at which a reversed one lies in the body, and beyond it at which it does not, mm.
-const WITHIN_MM: f64 = 10.0;
-const BEYOND_MM: f64 = 2.0;
-
 /// Doubts about the units of a probe.
 pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
     let kind = probe.shape.kind();
@@ -112,19 +108,6 @@ impl Scene {
             ));
         }
         Some(doubt)
-    }
-
-    /// Doubt about a needle at rest that comes from within the body and ends at its surface.
-    pub(super) fn reversed_needle(&self) -> Option<String> {
-        let Some(Needle::Still(pose)) = &self.needle else {
-            return None;
-        };
-        let along = |mm: f64| pose.tip_mm() + pose.direction().into_inner() * mm;
-        let is_in_body = |mm: f64| self.body().label_at(&along(mm)).is_some();
-        (is_in_body(-WITHIN_MM) && !is_in_body(BEYOND_MM)).then(|| {
-            "the needle comes from within the body and points out of it: are its entry and its tip exchanged?"
-                .to_owned()
-        })
     }
 }
 

@@ -5,7 +5,6 @@ use std::path::PathBuf;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use super::breathing::BreathingSpec;
 use insonify_base::bending::BendingConstraint;
 use insonify_base::matrix::Rows;
 use insonify_base::range::parameters;
@@ -14,7 +13,7 @@ use insonify_tracking::trajectory::{Interpolation, KeyframeSpec};
 use insonify_tracking::world::World;
 
 parameters! {
-    /// Motion of the probe and of the patient: at most one of `keyframes`, `csv` and `sequence`.
+    /// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
     pub struct MotionSpec {
         /// Number of frames, spread evenly over the time of the motion. Default: one per valid pose of a tracked
         /// sequence or row of a CSV path; 25 per second of a path through keyframes or of a ramp, at most 1000; else 1.
@@ -37,9 +36,6 @@ parameters! {
         /// A tracked sequence.
         #[serde(skip_serializing_if = "Option::is_none")]
         sequence: Option<SequenceSpec>;
-        /// Respiration of the patient. Without it the body does not breathe.
-        #[serde(skip_serializing_if = "Option::is_none")]
-        breathing: Option<BreathingSpec>;
     }
 }
 

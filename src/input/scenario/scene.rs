@@ -81,12 +81,7 @@ impl ScenarioFile {
                 (file, folder, false)
             }
         };
-        let breathes = file.motion.as_ref().is_some_and(|motion| motion.breathing.is_some());
-        let moving = [
-            ("needle", file.needle.is_some()),
-            ("deform", file.deform.is_some()),
-            ("motion.breathing", breathes),
-        ];
+        let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
         if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
             let key_in_file = if is_inline {
                 format!("scene.{key}")
