@@ -447,7 +447,7 @@ fn known_transforms(
     let pairs = pairs.filter(|(from, to)| from != to && (moving.contains(*from) || moving.contains(*to)));
     let candidates: Vec<String> = pairs.map(|(from, to)| format!("{from}To{to}")).collect();
     // A suggestion helps with a coordinate system that nobody names; a pair of known ones is absent, not misspelt.
-    let misspelt = !ends_of_it.iter().all(|end| moving.contains(end));
+    let misspelt = !ends_of_it.iter().all(|end| systems.contains(end));
     let nodes: Vec<&str> = valid
         .iter()
         .filter(|(name, is_valid)| **is_valid && ends(name).is_none() && **name != CROP)
