@@ -150,16 +150,9 @@ pub(crate) fn check_needle(needle: &mut dyn Needle) -> Result<(), OutOfRange> {
     )?;
     let mut line = CentreLine::default();
     needle.place(&Isometry3::identity(), None, &[], &[], &mut line);
-    let is_finite = line
-        .nodes()
-        .iter()
-        .all(|(_, point)| point.iter().all(|number| number.is_finite()));
-    check(
-        "centre line of the needle",
-        line.length_mm(),
-        is_finite,
-        "finite points",
-    )?;
+    let mut numbers = line.nodes().iter().flat_map(|(_, point)| point.iter().copied());
+    let wrong = numbers.find(|number| !number.is_finite()).unwrap_or_default();
+    check("centre line of the needle", wrong, true, "finite points")?;
     let end_mm = line.length_mm();
     let ends_at_tip = (end_mm - length_mm).abs() <= 1e-6 * length_mm;
     check(

@@ -78,8 +78,8 @@ impl Named {
     }
 }
 
-/// Least number of organs that show a factor on all lengths, of which names that files state need fewer, and the largest logarithm of a volume between the extremes
-/// of such organs.
+/// Least number of organs that show a factor on all lengths, with names by value and with names that the file states,
+/// and the largest logarithm of the ratio of volumes between the extremes of such organs.
 const SCALED_ORGANS: usize = 3;
 const SCALED_NAMED: usize = 2;
 const SCALED_SPREAD: f64 = 3.0;

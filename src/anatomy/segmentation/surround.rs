@@ -49,7 +49,7 @@ impl Segmentation {
         Ok(())
     }
 
-    /// Names a label that is as large as a body and encloses all others: one without a name, or of a name that is that of
+    /// Names a label that is as large as a body and encloses all others: one without a name, or whose name is that of
     /// no organ, or of the skin, which is filled.
     pub(super) fn name_body(&mut self, naming: &Naming, extents: &Extents, has_table: bool) {
         if naming.preset != Preset::Auto || has_body_values(&self.volume) {

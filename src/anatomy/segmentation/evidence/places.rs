@@ -7,8 +7,8 @@ use nalgebra::Vector3;
 struct Row {
     /// Name without a side, or of the left one of a pair.
     name: &'static str,
-    /// Leftwards, backwards and upwards of a point in front of the spine between the first two lumbar vertebrae, mm;
-    /// no height for what is scanned at any length.
+    /// To the left, back and head of a point in front of the spine between the first two lumbar vertebrae, mm; no height
+    /// for organs of which scans show any length.
     left_mm: f64,
     back_mm: f64,
     up_mm: Option<f64>,
@@ -32,9 +32,9 @@ const fn along(name: &'static str, left_mm: f64, back_mm: f64) -> Row {
     }
 }
 
-/// Means of the segmentations of two adults from the pelvis to the tenth thoracic vertebra, which differ by at most 26 mm; above, by the
-/// heights of vertebrae and usual levels of organs. Ribs are between their middles and those of their lower parts, which scans of the
-/// abdomen have.
+/// From the pelvis to the tenth thoracic vertebra, means of the segmentations of two adults, which differ by at most
+/// 26 mm; above, estimates from the heights of vertebrae and the usual levels of organs. Places of ribs lie between
+/// their middles and those of their lower parts, which scans of the abdomen have.
 const PLACES: &[Row] = &[
     at("spleen", 104.0, 3.0, 56.0),
     at("kidney_left", 76.0, -7.0, -10.0),
@@ -135,9 +135,9 @@ const PLACES: &[Row] = &[
 /// Place of an organ in a body lying straight.
 #[derive(Clone, Copy)]
 pub(super) struct Place {
-    /// Leftwards, backwards and upwards, mm.
+    /// To the left, back and head, mm.
     pub mm: Vector3<f64>,
-    /// Whether the organ has no height, since it is scanned at any length.
+    /// Whether the organ has no height, since scans show any length of it.
     pub any_height: bool,
 }
 

@@ -7,35 +7,36 @@ use super::Named;
 
 /// Standard deviation of an organ's place, mm in an adult: twice that between the adults of the table.
 const SPREAD_MM: f64 = 30.0;
-/// Factor on it for an organ that the edge of the scan cuts.
+/// Factor on that deviation for an organ that the edge of the scan cuts.
 const CUT_SPREAD: f64 = 1.5;
 /// Distance from which an organ is elsewhere, in standard deviations.
 const ELSEWHERE: f64 = 3.0;
 /// Least evidence of a place, so that one organ elsewhere does not outweigh all others.
 const LEAST: f64 = -4.0;
-/// Sizes of patients, from newborns to large adults, by an adult, and how little the size of few organs tells, mm^2.
+/// Sizes of patients relative to an adult, from newborns to large adults, and the weight of an adult's size among the
+/// squared distances of organs, mm^2.
 const SIZES: [f64; 2] = [0.3, 1.35];
 const SIZE_PRIOR_MM2: f64 = 3600.0;
 /// Cost of an unlikely size, by the square of its logarithm.
 const SIZE_COST: f64 = 2.0;
-/// Costs of a body that does not lie along the axes, and of one far from it or in a mirrored file.
+/// Costs of a body that is tilted from the axes of the file, and of one that is turned or mirrored.
 const TILTED: f64 = -1.5;
 const TURNED: f64 = -3.0;
 /// Angle from which a body is turned rather than tilted, degrees.
 const TILT_DEG: f64 = 45.0;
-/// Difference of two turns that are the same.
+/// Norm of the difference below which two turns are the same.
 const SAME_TURN: f64 = 1e-3;
 /// Number of whole organs from which a turn is sought.
 const TURN_ORGANS: usize = 5;
 /// Rounds in which organs elsewhere lose weight.
 const ROUNDS: usize = 8;
-/// Evidence per direction of a place, and directions that a size and position, and a turn, explain by themselves.
+/// Evidence per direction of a place, and numbers of directions that size and position, and a turn, take to fit.
 const DIRECTION: f64 = 1.0 / 3.0;
 const FREE: f64 = 4.0;
 const FREE_TURN: f64 = 3.0;
 
 /// An organ's place in the table and in the file.
-struct Sighting {
+struct Landmark {
     label: usize,
     expected_mm: Vector3<f64>,
     any_height: bool,
@@ -62,7 +63,7 @@ pub(super) struct Pose {
 impl Pose {
     /// The likeliest pose of a body. Lengths of the file are too large by the factor `scale`.
     pub(super) fn of<'a>(named: impl Iterator<Item = &'a Named>, extents: &Extents, scale: f64) -> Self {
-        let sightings: Vec<Sighting> = named
+        let landmarks: Vec<Landmark> = named
             .filter_map(|named| {
                 let place = named.place?;
                 let extent = &extents.labels[named.label];
@@ -70,7 +71,7 @@ impl Pose {
                     let [first, last] = extent.voxels[*axis];
                     first == 0 || last + 1 == extents.size[*axis]
                 };
-                Some(Sighting {
+                Some(Landmark {
                     label: named.label,
                     expected_mm: place.mm,
                     any_height: place.any_height,
@@ -79,17 +80,17 @@ impl Pose {
                 })
             })
             .collect();
-        let straight = Self::fitted(Matrix3::identity(), &sightings);
-        let by_organs = [1.0, -1.0].into_iter().filter_map(|sign| turn(&sightings, sign));
+        let straight = Self::fitted(Matrix3::identity(), &landmarks);
+        let by_organs = [1.0, -1.0].into_iter().filter_map(|sign| turn(&landmarks, sign));
         by_organs
             .chain(along_grid(&extents.directions))
-            .map(|turn| Self::fitted(turn, &sightings))
+            .map(|turn| Self::fitted(turn, &landmarks))
             .filter(|turned| turned.score > 0.0)
             .fold(straight, |best, next| if next.score > best.score { next } else { best })
     }
 
     /// Finds size and place of a body of a turn. Organs elsewhere count little.
-    fn fitted(turn: Matrix3<f64>, sightings: &[Sighting]) -> Self {
+    fn fitted(turn: Matrix3<f64>, landmarks: &[Landmark]) -> Self {
         let mut pose = Self {
             turn,
             size: 1.0,
@@ -97,14 +98,14 @@ impl Pose {
             score: 0.0,
             sound: Vec::new(),
             elsewhere: Vec::new(),
-            count: sightings.len(),
+            count: landmarks.len(),
         };
-        let mut weights = vec![1.0; sightings.len()];
-        let projectors: Vec<Matrix3<f64>> = sightings.iter().map(|sighting| sighting.projector(&turn)).collect();
+        let mut weights = vec![1.0; landmarks.len()];
+        let projectors: Vec<Matrix3<f64>> = landmarks.iter().map(|landmark| landmark.projector(&turn)).collect();
         for _ in 0..ROUNDS {
-            pose.solve(sightings, &projectors, &weights);
-            for ((weight, sighting), projector) in weights.iter_mut().zip(sightings).zip(&projectors) {
-                let far = pose.deviation(sighting, projector);
+            pose.solve(landmarks, &projectors, &weights);
+            for ((weight, landmark), projector) in weights.iter_mut().zip(landmarks).zip(&projectors) {
+                let far = pose.deviation(landmark, projector);
                 *weight = (1.0 + 0.5 * far * far).powi(-2);
             }
         }
@@ -114,28 +115,28 @@ impl Pose {
         if !is_straight {
             pose.score += if pose.is_upright() { TILTED } else { TURNED };
         }
-        for (sighting, projector) in sightings.iter().zip(&projectors) {
-            let far = pose.deviation(sighting, projector);
+        for (landmark, projector) in landmarks.iter().zip(&projectors) {
+            let far = pose.deviation(landmark, projector);
             let evidence = (DIRECTION * projector.trace() - 0.5 * far * far).max(LEAST);
             pose.score += evidence;
             if evidence > 0.0 {
-                pose.sound.push(sighting.label);
+                pose.sound.push(landmark.label);
             }
             if far > ELSEWHERE {
                 pose.elsewhere
-                    .push((sighting.label, pose.distance_mm(sighting, projector)));
+                    .push((landmark.label, pose.distance_mm(landmark, projector)));
             }
         }
         pose
     }
 
     /// Least squares of size and place.
-    fn solve(&mut self, sightings: &[Sighting], projectors: &[Matrix3<f64>], weights: &[f64]) {
+    fn solve(&mut self, landmarks: &[Landmark], projectors: &[Matrix3<f64>], weights: &[f64]) {
         let mut normal = Matrix4::from_diagonal(&Vector4::new(1e-3, 1e-3, 1e-3, SIZE_PRIOR_MM2));
         let mut right = Vector4::new(0.0, 0.0, 0.0, SIZE_PRIOR_MM2);
-        for ((sighting, projector), weight) in sightings.iter().zip(projectors).zip(weights) {
-            let place = projector * self.turn * sighting.expected_mm;
-            let middle = projector * sighting.middle_mm;
+        for ((landmark, projector), weight) in landmarks.iter().zip(projectors).zip(weights) {
+            let place = projector * self.turn * landmark.expected_mm;
+            let middle = projector * landmark.middle_mm;
             let columns = [0, 1, 2].map(|axis| projector.column(axis).into_owned());
             for row in 0..3 {
                 for column in 0..3 {
@@ -157,9 +158,9 @@ impl Pose {
         self.offset_mm = block.lu().solve(&offset).unwrap_or(self.offset_mm);
     }
 
-    fn distance_mm(&self, sighting: &Sighting, projector: &Matrix3<f64>) -> f64 {
-        let expected = self.size * (self.turn * sighting.expected_mm) + self.offset_mm;
-        (projector * (sighting.middle_mm - expected)).norm()
+    fn distance_mm(&self, landmark: &Landmark, projector: &Matrix3<f64>) -> f64 {
+        let expected = self.size * (self.turn * landmark.expected_mm) + self.offset_mm;
+        (projector * (landmark.middle_mm - expected)).norm()
     }
 
     /// Size of the body by that of an adult; of few organs, that of an adult.
@@ -168,9 +169,9 @@ impl Pose {
     }
 
     /// Distance in standard deviations.
-    fn deviation(&self, sighting: &Sighting, projector: &Matrix3<f64>) -> f64 {
-        let spread = if sighting.cut.is_empty() { 1.0 } else { CUT_SPREAD };
-        self.distance_mm(sighting, projector) / (SPREAD_MM * spread * self.size)
+    fn deviation(&self, landmark: &Landmark, projector: &Matrix3<f64>) -> f64 {
+        let spread = if landmark.cut.is_empty() { 1.0 } else { CUT_SPREAD };
+        self.distance_mm(landmark, projector) / (SPREAD_MM * spread * self.size)
     }
 
     pub(super) fn is_mirrored(&self) -> bool {
@@ -196,7 +197,7 @@ impl Pose {
     }
 }
 
-impl Sighting {
+impl Landmark {
     /// Projection onto the directions in which the organ's place is known.
     fn projector(&self, turn: &Matrix3<f64>) -> Matrix3<f64> {
         let height = self.any_height.then(|| turn.column(2).into_owned());
@@ -232,10 +233,10 @@ fn along_grid(directions: &[Vector3<f64>; 3]) -> Vec<Matrix3<f64>> {
 }
 
 /// Turn that brings the places of the table nearest to those of whole organs, with this determinant.
-fn turn(sightings: &[Sighting], sign: f64) -> Option<Matrix3<f64>> {
-    let whole: Vec<&Sighting> = sightings
+fn turn(landmarks: &[Landmark], sign: f64) -> Option<Matrix3<f64>> {
+    let whole: Vec<&Landmark> = landmarks
         .iter()
-        .filter(|sighting| sighting.cut.is_empty() && !sighting.any_height)
+        .filter(|landmark| landmark.cut.is_empty() && !landmark.any_height)
         .collect();
     if whole.len() < TURN_ORGANS {
         return None;
@@ -244,21 +245,21 @@ fn turn(sightings: &[Sighting], sign: f64) -> Option<Matrix3<f64>> {
     let mut turn = Matrix3::identity();
     for _ in 0..ROUNDS {
         let total: f64 = weights.iter().sum();
-        let mean = |of: fn(&Sighting) -> Vector3<f64>| {
+        let mean = |of: fn(&Landmark) -> Vector3<f64>| {
             let sum = whole
                 .iter()
                 .zip(&weights)
-                .map(|(sighting, weight)| of(sighting) * *weight);
+                .map(|(landmark, weight)| of(landmark) * *weight);
             sum.sum::<Vector3<f64>>() / total
         };
         let [expected, middle] = [
-            mean(|sighting| sighting.expected_mm),
-            mean(|sighting| sighting.middle_mm),
+            mean(|landmark| landmark.expected_mm),
+            mean(|landmark| landmark.middle_mm),
         ];
         let (mut covariance, mut squares) = (Matrix3::zeros(), 0.0);
-        for (sighting, weight) in whole.iter().zip(&weights) {
-            let place = sighting.expected_mm - expected;
-            covariance += (sighting.middle_mm - middle) * place.transpose() * *weight;
+        for (landmark, weight) in whole.iter().zip(&weights) {
+            let place = landmark.expected_mm - expected;
+            covariance += (landmark.middle_mm - middle) * place.transpose() * *weight;
             squares += weight * place.norm_squared();
         }
         let SVD {
@@ -272,9 +273,9 @@ fn turn(sightings: &[Sighting], sign: f64) -> Option<Matrix3<f64>> {
         let signs = Vector3::new(1.0, 1.0, last);
         turn = u * Matrix3::from_diagonal(&signs) * v_t;
         let size = (singular_values.dot(&signs) / squares).clamp(SIZES[0], SIZES[1]);
-        for (weight, sighting) in weights.iter_mut().zip(&whole) {
-            let expected = size * (turn * (sighting.expected_mm - expected)) + middle;
-            let far = (sighting.middle_mm - expected).norm() / (SPREAD_MM * size);
+        for (weight, landmark) in weights.iter_mut().zip(&whole) {
+            let expected = size * (turn * (landmark.expected_mm - expected)) + middle;
+            let far = (landmark.middle_mm - expected).norm() / (SPREAD_MM * size);
             *weight = (1.0 + 0.5 * far * far).powi(-2);
         }
     }

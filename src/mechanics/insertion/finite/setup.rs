@@ -111,22 +111,10 @@ impl Setup {
     fn fingerprint(&self) -> [String; 2] {
         let short = |hash: blake3::Hash| hash.to_hex()[..16].to_owned();
         let mut tissue = blake3::Hasher::new();
-        let FiniteOptions {
-            part_mm,
-            most_parts,
-            most_iterations,
-            tolerance_mm,
-            spacing_mm,
-            condition_limit,
-            ..
-        } = self.options;
+        let options = &self.options;
         let limits = (
-            part_mm,
-            most_parts,
-            most_iterations,
-            tolerance_mm,
-            spacing_mm,
-            condition_limit,
+            (options.part_mm, options.most_parts, options.most_iterations),
+            (options.tolerance_mm, options.spacing_mm, options.condition_limit),
         );
         let numbers = (&self.materials, &self.fixed, &self.interactions, limits);
         tissue.update(format!("{numbers:?}").as_bytes());
