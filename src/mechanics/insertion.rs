@@ -61,8 +61,8 @@ pub enum StepError {
         /// Its fault.
         reason: String,
     },
-    /// A force or a position of the outcome that is not finite, from a model of one's own: the model has made the step,
-    /// but no force is returned.
+    /// A force or position of the outcome that is not finite, as a user-defined model may return: it has made the step,
+    /// but no force reaches the device.
     #[error("{what} is {found} after a step of the model; expected finite numbers")]
     Outcome {
         /// Name of the value.

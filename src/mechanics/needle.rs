@@ -133,7 +133,7 @@ pub trait Needle: Send + Debug {
     }
 }
 
-/// Checks what every model takes for granted of a needle: its dimensions, and a centre line that ends at its length.
+/// Checks a needle's dimensions, and that its unloaded centre line is finite and ends at its length.
 pub(crate) fn check_needle(needle: &mut dyn Needle) -> Result<(), OutOfRange> {
     let [length_mm, radius_mm] = [needle.length_mm(), needle.radius_mm()];
     check(

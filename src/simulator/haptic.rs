@@ -93,8 +93,8 @@ impl Haptic {
     /// one.
     ///
     /// # Errors
-    /// [`StepError`]; then nothing has changed (but for [`StepError::Outcome`], where a model of one's own has), and the
-    /// hand keeps its previous forces.
+    /// [`StepError`]; the hand keeps its previous forces. Nothing has changed, except with [`StepError::Outcome`], where
+    /// the model has made the step.
     pub fn step(&mut self, instruments: &Instruments, dt_s: f64) -> Result<Forces, StepError> {
         let start = Instant::now();
         let outcome = self.model.step(instruments, dt_s)?;

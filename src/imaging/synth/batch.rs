@@ -32,8 +32,8 @@ impl Synthesizer {
     /// On the CPU each thread renders frames of its own, which saves the waits between passes of a frame that is shared
     /// by all. The threads belong to the synthesizer, as many as the caller's pool has, or fewer where memory does not
     /// suffice; they share its tables but for frames with settings of their own, and last until it is dropped or its
-    /// settings change. On a GPU a submission has
-    /// several frames, whose meshes are cut on such threads, and three submissions are in flight.
+    /// settings change. On a GPU a submission has several frames, whose meshes are cut on such threads, and three
+    /// submissions are in flight.
     ///
     /// ```
     /// use insonify_imaging::scene::SceneFile;

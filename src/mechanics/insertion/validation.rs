@@ -41,7 +41,7 @@ pub enum InvalidSetup {
         /// Regions of the mesh, at most eight of them.
         regions: Vec<i32>,
     },
-    /// A mesh not much larger than the needle is thick, which lengths in another unit make.
+    /// A mesh at most twice as long as the needle is thick, as one in metres is.
     #[error(
         "the mesh is {longest_mm} mm long at most, the needle {diameter_mm} mm thick; expected a mesh in mm (if its \
          coordinates are metres, multiply them by 1000)"
@@ -164,7 +164,7 @@ pub(super) fn interactions(mesh: &TetMesh, interactions: &[(i32, Interaction)]) 
     })
 }
 
-/// Checks that a mesh is larger than a needle is thick.
+/// Checks that a mesh is more than twice as long as a needle is thick.
 pub(super) fn size(mesh: &TetMesh, radius_mm: f64) -> Result<(), InvalidSetup> {
     let [low, high] = mesh.bounds();
     let longest_mm = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
