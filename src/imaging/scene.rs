@@ -16,12 +16,14 @@
 //! # Ok::<(), insonify_base::document::InputError>(())
 //! ```
 
+mod breathing;
 mod check;
 pub mod deform;
 mod doubts;
 mod file;
 mod motion;
 pub mod paths;
+mod pulse;
 mod recording;
 mod resolve;
 mod target;

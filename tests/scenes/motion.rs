@@ -1,6 +1,9 @@
 //! Probe and needle move, tissue deforms, frame by frame.
 
+use std::f64::consts::PI;
+
 use insonify_base::document::InputError;
+use insonify_imaging::scene::Scene;
 use insonify_imaging::synth::FrameState;
 use nalgebra::{Matrix4, Point3, Vector3};
 
@@ -746,4 +749,194 @@ fn the_scene_of_the_documentation_runs_on_a_recording() {
         "{:?}",
         scene.warnings
     );
+}
+
+/// Organs of the phantom in a breath of 5 s, on a mesh of cells of 11 mm.
+const BREATHING: &str =
+    "[deform]\nnodes = 20000\n[motion.breathing]\nrate_per_min = 12\ntravel_mm = { liver = 15, kidney = 10 }\n";
+
+/// Ways towards the feet, mm, of the nodes whose tissue or label has a name in it, ascending, in frame `frame` of 126.
+/// Elements of the mesh must not fold.
+fn downwards_mm(scene: &Scene, frame: usize, name: &str) -> Vec<f64> {
+    let mesh = scene.anatomy.mesh.as_ref().expect("mesh");
+    let mut state = FrameState::at(Matrix4::identity());
+    scene.state(frame, 126, &mut state).expect("state");
+    let nodes = state.nodes.expect("nodes");
+    let pairs = mesh.volumes(&nodes).zip(mesh.volumes(mesh.nodes()));
+    assert!(pairs.into_iter().all(|(moved, rest)| moved > 0.09 * rest), "{frame}");
+    let volume = scene.anatomy.volume.undivided();
+    let is_named = |node: &[f64; 3]| {
+        let label = volume.label_index_at(&(*node).into()).filter(|label| *label > 0);
+        label.is_some_and(|label| {
+            let label_name = volume.labels()[usize::from(label)].name.as_deref();
+            label_name.is_some_and(|label_name| label_name.contains(name))
+                || scene.anatomy.tissues.tissue(label).name.contains(name)
+        })
+    };
+    let pairs = mesh.nodes().iter().zip(&nodes).filter(|(rest, _)| is_named(rest));
+    let mut downwards: Vec<f64> = pairs
+        .map(|(rest, node)| {
+            assert_eq!(rest[..2], node[..2]);
+            rest[2] - node[2]
+        })
+        .collect();
+    assert!(!downwards.is_empty(), "no node in {name}");
+    downwards.sort_by(f64::total_cmp);
+    downwards
+}
+
+#[test]
+fn organs_go_with_the_breath_and_bone_and_skin_rest() {
+    let scene = resolve(&small(BREATHING)).expect("scene");
+    assert_eq!(scene.frames(), 126);
+    // Beside ribs and the spine, organs go less far.
+    for (name, travel_mm) in [("liver", 15.0), ("kidney", 10.0)] {
+        for frame in [0, 31, 63] {
+            let expected_mm = travel_mm * (PI * scene.time_s(frame, 126) / 5.0).sin().powi(4);
+            let downwards = downwards_mm(&scene, frame, name);
+            let farthest_mm = downwards[downwards.len() - 1];
+            assert!((farthest_mm - expected_mm).abs() < 1e-9, "{name}: {farthest_mm} mm");
+        }
+    }
+    for name in ["bone", "skin"] {
+        assert!(downwards_mm(&scene, 63, name).iter().all(|mm| *mm == 0.0), "{name}");
+    }
+    // Far travels are cut short beside ribs, which is told.
+    let far = resolve(&small(&BREATHING.replace("liver = 15", "liver = 90"))).expect("scene");
+    assert!(downwards_mm(&far, 63, "bone").iter().all(|mm| *mm == 0.0));
+    let is_told = |scene: &Scene| scene.notes.iter().any(|note| note.contains("go less far than stated"));
+    assert!(is_told(&far));
+    // With a path the breath takes no part in the number of frames.
+    let along = resolve(&small(&format!("{LINE}{BREATHING}"))).expect("scene");
+    assert_eq!(along.frames(), 51);
+    // Without the table there is no mesh and no pass for one.
+    assert!(resolve(&small("")).expect("scene").anatomy.mesh.is_none());
+}
+
+#[test]
+fn a_held_breath_is_still() {
+    let scene = resolve(&small(&format!("{BREATHING}hold_s = [2, 4]\n"))).expect("scene");
+    let at = |frame| downwards_mm(&scene, frame, "liver");
+    // Frames of 40 ms.
+    assert_ne!(at(40), at(50));
+    assert_eq!(at(50), at(60));
+    assert_eq!(at(50), at(100));
+    assert_ne!(at(100), at(110));
+}
+
+#[test]
+fn organs_of_a_patient_breathe_under_the_ribs() {
+    for (file, more, surroundings) in [
+        ("volumes/DERIVED_ts_example_body_labels.nii.gz", "", false),
+        ("volumes/ts_example_seg_full.nii.gz", "unlabelled = \"air\"\n", true),
+    ] {
+        let Some(path) = data(file) else { return };
+        let text = format!(
+            "version = 2\n[volume]\nfile = \"{}\"\n{more}[deform]\nnodes = 20000\n[motion.breathing]\n",
+            path.display()
+        );
+        let scene = resolve(&text).expect("scene");
+        for (name, travel_mm) in [("liver", 24.4), ("kidney_right", 16.5)] {
+            let downwards = downwards_mm(&scene, 63, name);
+            let is_whole = |mm: &&f64| (**mm - travel_mm * (PI * 63.0 / 125.0).sin().powi(4)).abs() < 1e-9;
+            let whole = downwards.iter().filter(is_whole).count();
+            assert!(2 * whole > downwards.len(), "{name}: {whole} of {}", downwards.len());
+        }
+        for name in ["rib", "costal_cartilages", "vertebrae"] {
+            assert!(downwards_mm(&scene, 63, name).iter().all(|mm| *mm == 0.0), "{name}");
+        }
+        let is_told = scene.notes.iter().any(|note| note.contains("has no labels"));
+        assert_eq!(is_told, surroundings, "{file}");
+        // The same on every run.
+        let again = resolve(&text).expect("scene");
+        assert_eq!(downwards_mm(&scene, 63, "liver"), downwards_mm(&again, 63, "liver"));
+    }
+}
+
+#[test]
+fn breaths_that_cannot_be_meant_are_refused() {
+    for (travel, key, reason) in [
+        ("{ prostate = 5 }", "motion.breathing.travel_mm.prostate", "prostate"),
+        (
+            "{ liver = 150 }",
+            "motion.breathing.travel_mm.liver",
+            "a travel from 0 to 100 mm",
+        ),
+    ] {
+        let error = fault(&small(&BREATHING.replace("{ liver = 15, kidney = 10 }", travel)));
+        assert_eq!(error.key(), Some(key));
+        assert!(error.to_string().contains(reason), "{error}");
+    }
+    let error = fault(&small(&format!("{BREATHING}hold_s = [3, 2]\n")));
+    assert_eq!(error.key(), Some("motion.breathing.hold_s"));
+    let error = fault(&small(&BREATHING.replace("= 12", "= 0")));
+    assert_eq!(error.key(), Some("motion.breathing.rate_per_min"));
+}
+
+#[test]
+fn arteries_of_a_patient_widen_with_every_beat() {
+    let Some(path) = data("volumes/ts_example_seg_full.nii.gz") else {
+        return;
+    };
+    let with = |more: &str| {
+        format!(
+            "version = 2\n[volume]\nfile = \"{}\"\n[deform]\nnodes = 60000\n[motion.pulse]\nrate_per_min = 60\n{more}",
+            path.display()
+        )
+    };
+    let scene = resolve(&with("radial_mm = { aorta = 1.5 }")).expect("scene");
+    // One beat, widest after 0.3 s.
+    assert_eq!(scene.frames(), 26);
+    let mesh = scene.anatomy.mesh.as_ref().expect("mesh");
+    let volume = scene.anatomy.volume.undivided();
+    let mut state = FrameState::at(Matrix4::identity());
+    let mut ways_mm = |time_frame: usize, name: &str| -> Vec<f64> {
+        scene.state(time_frame, 101, &mut state).expect("state");
+        let nodes = state.nodes.as_ref().expect("nodes");
+        assert!(mesh.volumes(nodes).all(|mm3| mm3 > 0.0));
+        let is_named = |node: &[f64; 3]| {
+            let label = volume.label_index_at(&(*node).into()).unwrap_or(0);
+            let name_of = volume.labels()[usize::from(label)].name.as_deref();
+            name_of.is_some_and(|label_name| label_name.starts_with(name))
+        };
+        let pairs = mesh.nodes().iter().zip(nodes).filter(|(rest, _)| is_named(rest));
+        pairs
+            .map(|(rest, node)| (Point3::from(*node) - Point3::from(*rest)).norm())
+            .collect()
+    };
+    let widest = |ways: &[f64]| ways.iter().copied().fold(0.0, f64::max);
+    assert_eq!(widest(&ways_mm(0, "aorta")), 0.0);
+    let systole = widest(&ways_mm(30, "aorta"));
+    assert!((1.0..1.5 + 1e-9).contains(&systole), "{systole} mm");
+    assert!((widest(&ways_mm(15, "aorta")) - 0.5 * systole).abs() < 1e-9);
+    assert_eq!(widest(&ways_mm(30, "vertebrae")), 0.0);
+    assert_eq!(widest(&ways_mm(30, "urinary_bladder")), 0.0);
+    // Those of the volume by a share of their radius, which is told.
+    let usual = resolve(&with("")).expect("scene");
+    let is_told =
+        |note: &&insonify_base::note::Note| note.contains("9 % of their radius") && note.contains("iliac_artery_left");
+    assert_eq!(usual.notes.iter().filter(is_told).count(), 1, "{:?}", usual.notes);
+    for (more, key, reason) in [
+        (
+            "radial_mm = { aorta = 9 }",
+            "motion.pulse.radial_mm.aorta",
+            "from 0 to 5 mm",
+        ),
+        (
+            "radial_mm = { carotid = 1 }",
+            "motion.pulse.radial_mm.carotid",
+            "carotid",
+        ),
+        (
+            "radial_mm = { iliac_artery = 5 }",
+            "motion.pulse.radial_mm",
+            "at most half of the radius",
+        ),
+    ] {
+        let error = fault(&with(more));
+        assert_eq!(error.key(), Some(key));
+        assert!(error.to_string().contains(reason), "{error}");
+    }
+    let error = fault(&with("").replace("= 60\n", "= 300\n"));
+    assert_eq!(error.key(), Some("motion.pulse.rate_per_min"));
 }

@@ -1,4 +1,5 @@
-//! Kinematic tissue deformation: analytic fields, or displacements from a mesh file, on a mesh over the volume.
+//! Kinematic tissue deformation: analytic fields, displacements from a mesh file, respiration, or pulsation, on a mesh
+//! over the volume.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -11,10 +12,16 @@ use serde::de::value::{MapAccessDeserializer, SeqAccessDeserializer};
 use serde::de::{Deserializer, MapAccess, SeqAccess, Visitor};
 
 use super::At;
+use super::breathing::{Inspired, LONGEST_MM, inspired};
 use super::file::SceneFile;
+use super::paths::{BreathingSpec, MotionSpec, PulseSpec};
+use super::pulse::{Artery, WIDEST_MM, WIDEST_SHARE, Widened, widened};
+use super::target::Body;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::note::Notes;
 use insonify_base::range::parameters;
+use insonify_base::text::some_of;
 use insonify_mesh::file::{ReadOptions, read_mesh};
 use insonify_mesh::{Displacement, TetMesh};
 
@@ -79,69 +86,109 @@ fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Displac
 }
 
 /// A position or displacement for each node, mm.
-type Nodes = Vec<[f64; 3]>;
+pub(super) type Nodes = Vec<[f64; 3]>;
 
-/// A mesh and its motion.
+/// A mesh and its motions, whose displacements add up.
 #[derive(Clone, Debug)]
 pub(super) struct Deformation {
     pub mesh: Arc<TetMesh>,
-    /// Displacement of each node at an amplitude of 1, mm.
-    displacements: Nodes,
-    /// Points of time (s) and amplitude, in ascending time; one or more.
-    amplitude: Vec<[f64; 2]>,
+    motions: Vec<Motion>,
 }
 
-impl Deformation {
-    /// Times of the first and last change, s; `None` if the deformation is constant.
-    pub(super) fn span_s(&self) -> Option<[f64; 2]> {
-        match self.amplitude[..] {
-            [first, .., last] => Some([first[0], last[0]]),
-            _ => None,
-        }
-    }
+/// Motion of the nodes of a mesh.
+#[derive(Clone, Debug)]
+struct Motion {
+    /// Displacement of each node at an amplitude of 1, mm.
+    displacements: Nodes,
+    course: Course,
+}
 
-    /// Amplitude of the deformation at a time, s.
-    fn amplitude_at(&self, time_s: f64) -> f64 {
-        let after = self.amplitude.partition_point(|point| point[0] <= time_s);
-        match (
-            after.checked_sub(1).and_then(|index| self.amplitude.get(index)),
-            self.amplitude.get(after),
-        ) {
+/// Amplitude of a motion over time.
+#[derive(Clone, Debug)]
+enum Course {
+    /// Points of time (s) and amplitude, in ascending time; one or more.
+    Points(Vec<[f64; 2]>),
+    Breathing(BreathingSpec),
+    Pulse(PulseSpec),
+}
+
+impl Course {
+    /// Amplitude at a time, s.
+    fn at(&self, time_s: f64) -> f64 {
+        let points = match self {
+            Course::Breathing(spec) => return spec.share_at(time_s),
+            Course::Pulse(spec) => return spec.share_at(time_s),
+            Course::Points(points) => points,
+        };
+        let after = points.partition_point(|point| point[0] <= time_s);
+        let before = after.checked_sub(1).and_then(|index| points.get(index));
+        match (before, points.get(after)) {
             (Some(a), Some(b)) => a[1] + (b[1] - a[1]) * ((time_s - a[0]) / (b[0] - a[0])),
             (Some(point), None) | (None, Some(point)) => point[1],
             (None, None) => 1.0,
         }
     }
+}
+
+impl Deformation {
+    /// Times of the first and last change of a deformation, s, and those of a breath, or else a beat; `None` of what does not move.
+    pub(super) fn spans_s(&self) -> [Option<[f64; 2]>; 2] {
+        let mut spans = [None; 2];
+        for motion in &self.motions {
+            match &motion.course {
+                Course::Points(points) => {
+                    if let [first, .., last] = points[..] {
+                        spans[0] = Some([first[0], last[0]]);
+                    }
+                }
+                Course::Breathing(spec) => spans[1] = Some([0.0, spec.period_s()]),
+                Course::Pulse(spec) => spans[1] = spans[1].or(Some([0.0, spec.period_s()])),
+            }
+        }
+        spans
+    }
 
     /// Writes the current node positions at a time into `nodes`, reusing its memory.
     pub(crate) fn nodes_at(&self, time_s: f64, nodes: &mut Nodes) {
-        let amplitude = self.amplitude_at(time_s);
         nodes.clear();
-        nodes.extend(
-            self.mesh
-                .nodes()
-                .iter()
-                .zip(&self.displacements)
-                .map(|(node, by)| [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis])),
-        );
+        nodes.extend_from_slice(self.mesh.nodes());
+        for motion in &self.motions {
+            let amplitude = motion.course.at(time_s);
+            for (node, by) in nodes.iter_mut().zip(&motion.displacements) {
+                *node = [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis]);
+            }
+        }
     }
 }
 
 impl SceneFile {
-    /// Returns the deformation of the scene, if it has one.
-    pub(super) fn deformation(&self, volume: &LabelVolume, base: &Path) -> Result<Option<Deformation>, InputError> {
-        let Some(spec) = &self.deform else { return Ok(None) };
+    /// Returns the deformation of the scene, if it has one: of `[deform]`, respiration and pulsation.
+    pub(super) fn deformation(
+        &self,
+        body: &Body<'_>,
+        base: &Path,
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Option<Deformation>, InputError> {
+        let is_alive = self.motion.as_ref().is_some_and(MotionSpec::is_alive);
+        let usual = DeformSpec::default();
+        let spec = match &self.deform {
+            Some(spec) => spec,
+            None if is_alive => &usual,
+            None => return Ok(None),
+        };
         self.in_ranges("deform", spec)?;
         for (index, field) in spec.field.iter().enumerate() {
             field
                 .validate()
                 .map_err(|error| self.fault(format!("deform.field[{index}].{}", error.key), error))?;
         }
-        if spec.field.is_empty() && spec.mesh.is_none() {
+        let is_still = spec.field.is_empty() && spec.mesh.is_none();
+        if is_still && !is_alive {
             return Err(self.wrong_keys("deform", "neither `field` nor `mesh`", "what deforms the tissue"));
         }
         let (mesh, mut displacements) = match &spec.mesh {
-            None => (self.mesh_over(volume, spec)?, None),
+            None => (self.mesh_over(body.volume, spec)?, None),
             Some(path) => self.mesh_file(&base.join(path), spec)?,
         };
         let mut sum = displacements
@@ -153,11 +200,151 @@ impl SceneFile {
                 *total = [0, 1, 2].map(|axis| total[axis] + by[axis]);
             }
         }
-        Ok(Some(Deformation {
-            mesh: Arc::new(mesh),
-            displacements: sum,
-            amplitude: self.amplitude(spec)?,
-        }))
+        let mut motions = Vec::new();
+        if !is_still {
+            motions.push(Motion {
+                displacements: sum,
+                course: Course::Points(self.amplitude(spec)?),
+            });
+        }
+        if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.breathing.as_ref()) {
+            motions.push(Motion {
+                displacements: self.inspired(spec, &mesh, body, notes, warnings)?,
+                course: Course::Breathing(spec.clone()),
+            });
+        }
+        if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.pulse.as_ref()) {
+            motions.push(Motion {
+                displacements: self.widened(spec, &mesh, body, notes, warnings)?,
+                course: Course::Pulse(spec.clone()),
+            });
+        }
+        let mesh = Arc::new(mesh);
+        Ok(Some(Deformation { mesh, motions }))
+    }
+
+    /// Displacements of a mesh's nodes at the end of inspiration, checked.
+    fn inspired(
+        &self,
+        spec: &BreathingSpec,
+        mesh: &TetMesh,
+        body: &Body<'_>,
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Nodes, InputError> {
+        let key = "motion.breathing";
+        self.in_ranges(key, spec)?;
+        for (organ, &travel_mm) in spec.travel_mm.iter().flatten() {
+            if !(0.0..=LONGEST_MM).contains(&travel_mm) {
+                let fault = InvalidFile::number(travel_mm, "a travel from 0 to 100 mm");
+                return Err(self.fault(format!("{key}.travel_mm.{organ}"), fault));
+            }
+        }
+        if let Some([from, to]) = spec.hold_s
+            && !(from.is_finite() && to.is_finite() && from < to)
+        {
+            let found = format!("`hold_s` from {from} to {to}");
+            return Err(self.wrong_keys(
+                "motion.breathing.hold_s",
+                found,
+                "two times in s, the first before the second",
+            ));
+        }
+        // A mesh over the volume ends in the midst of the body, one of a file where it is meant to.
+        let border_rests = self.deform.as_ref().is_none_or(|spec| spec.mesh.is_none());
+        let Inspired {
+            displacements,
+            notes: new,
+            absent,
+        } = inspired(spec, mesh, body, border_rests);
+        if let Some(organ) = absent.first() {
+            let known = InvalidFile::name(organ, "a label of the volume, a part of its name, or a tissue");
+            return Err(self.fault(format!("{key}.travel_mm.{organ}"), known));
+        }
+        if displacements.iter().all(|by| by[2] == 0.0) {
+            warnings.push(format!(
+                "{key} moves nothing: the volume has no organ that goes with the diaphragm; state `travel_mm`"
+            ));
+        }
+        notes.extend(new);
+        Ok(displacements)
+    }
+
+    /// Displacements of a mesh's nodes where arteries are widest, checked.
+    fn widened(
+        &self,
+        spec: &PulseSpec,
+        mesh: &TetMesh,
+        body: &Body<'_>,
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Nodes, InputError> {
+        let key = "motion.pulse";
+        self.in_ranges(key, spec)?;
+        for (artery, &radial_mm) in spec.radial_mm.iter().flatten() {
+            if !(0.0..=WIDEST_MM).contains(&radial_mm) {
+                let fault = InvalidFile::number(radial_mm, "a displacement from 0 to 5 mm");
+                return Err(self.fault(format!("{key}.radial_mm.{artery}"), fault));
+            }
+        }
+        let Widened {
+            displacements,
+            arteries,
+            absent,
+        } = widened(spec, mesh, body);
+        if let Some(artery) = absent.first() {
+            let known = InvalidFile::name(artery, "a label of the volume, a part of its name, or a tissue");
+            return Err(self.fault(format!("{key}.radial_mm.{artery}"), known));
+        }
+        let too_wide = arteries
+            .iter()
+            .find(|artery| artery.radial_mm > WIDEST_SHARE * artery.radius_mm);
+        if let Some(Artery {
+            name,
+            radius_mm,
+            radial_mm,
+            ..
+        }) = too_wide
+        {
+            let found = format!("{radial_mm} mm of {name}, whose radius is {radius_mm:.1} mm");
+            return Err(self.wrong_keys("motion.pulse.radial_mm", found, "at most half of the radius"));
+        }
+        let widest: Nodes = mesh
+            .nodes()
+            .iter()
+            .zip(&displacements)
+            .map(|(node, by)| [0, 1, 2].map(|axis| node[axis] + by[axis]))
+            .collect();
+        let mut volumes = mesh.volumes(mesh.nodes()).zip(mesh.volumes(&widest));
+        if volumes.any(|(rest, widest)| rest > 0.0 && widest <= 0.0) {
+            let found = "a displacement by which elements of the mesh fold beside bone or skin";
+            return Err(self.wrong_keys("motion.pulse.radial_mm", found, "a smaller one"));
+        }
+        if arteries.is_empty() {
+            warnings.push(format!(
+                "{key} moves nothing: no label is named aorta, artery or carotid; state `radial_mm`"
+            ));
+        }
+        let without_node: Vec<String> = arteries
+            .iter()
+            .filter(|artery| !artery.has_node)
+            .map(|artery| artery.name.clone())
+            .collect();
+        if !without_node.is_empty() {
+            notes.push(format!(
+                "no node of the mesh lies in {}, which may not be seen to pulsate (`deform.nodes` = {} or more gives finer ones)",
+                some_of(&without_node),
+                8 * mesh.nodes().len()
+            ));
+        }
+        if spec.radial_mm.is_none() && !arteries.is_empty() {
+            let each: Vec<String> = arteries
+                .iter()
+                .map(|artery| format!("{} {:.2}", artery.name, artery.radial_mm))
+                .collect();
+            notes.push(format!("arteries widen by 9 % of their radius, mm: {}", some_of(&each)));
+        }
+        Ok(displacements)
     }
 
     fn mesh_over(&self, volume: &LabelVolume, spec: &DeformSpec) -> Result<TetMesh, InputError> {
@@ -185,7 +372,8 @@ impl SceneFile {
             ..ReadOptions::default()
         };
         let file = read_mesh(path, &options).at(self, "deform.mesh")?;
-        if file.displacements.is_none() && spec.field.is_empty() {
+        let is_alive = self.motion.as_ref().is_some_and(MotionSpec::is_alive);
+        if file.displacements.is_none() && spec.field.is_empty() && !is_alive {
             return Err(self.wrong_keys(
                 "deform.mesh",
                 format!("no point array `displacement` in {}", path.display()),

@@ -1,5 +1,6 @@
 //! Motion of probe and needle in a scene file.
 
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use schemars::JsonSchema;
@@ -13,7 +14,7 @@ use insonify_tracking::trajectory::{Interpolation, KeyframeSpec};
 use insonify_tracking::world::World;
 
 parameters! {
-    /// Motion of the probe: at most one of `keyframes`, `csv` and `sequence`.
+    /// Motion of the probe and of the patient: at most one of `keyframes`, `csv` and `sequence`.
     pub struct MotionSpec {
         /// Number of frames, spread evenly over the time of the motion. Default: one per valid pose of a tracked
         /// sequence or row of a CSV path; 25 per second of a path through keyframes or of a ramp, at most 1000; else 1.
@@ -36,6 +37,47 @@ parameters! {
         /// A tracked sequence.
         #[serde(skip_serializing_if = "Option::is_none")]
         sequence: Option<SequenceSpec>;
+        /// Respiration of the patient. Without it the body does not breathe.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        breathing: Option<BreathingSpec>;
+        /// Pulsation of arteries. Without it they are still.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        pulse: Option<PulseSpec>;
+    }
+}
+
+parameters! {
+    /// Respiration: organs move towards the feet (-z of the world) and back; bone, skin and air rest. The volume shows
+    /// the end of expiration.
+    pub struct BreathingSpec {
+        /// Breaths per minute.
+        rate_per_min: f64 = 15.0, in 1..=60 "per minute";
+        /// Travel of organs between the ends of expiration and inspiration, mm (0 to 100), by the name of a label, a
+        /// tissue, or a part of one such as `kidney`. Default: liver and spleen 24.4, pancreas 23.7, kidneys 16.5.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        travel_mm: Option<BTreeMap<String, f64>>;
+        /// Times between which the breath is held, s.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        hold_s: Option<[f64; 2]>;
+    }
+}
+
+parameters! {
+    /// Pulsation: arteries widen with every beat of the heart. The volume shows the end of diastole.
+    pub struct PulseSpec {
+        /// Beats per minute.
+        rate_per_min: f64 = 70.0, in 20..=250 "per minute";
+        /// How far walls of arteries move outwards, mm (0 to 5), by the name of a label, a tissue, or a part of one such
+        /// as `carotid`. Default: labels named aorta, artery or carotid by 9 % of their radius.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        radial_mm: Option<BTreeMap<String, f64>>;
+    }
+}
+
+impl MotionSpec {
+    /// Whether the patient moves.
+    pub(super) fn is_alive(&self) -> bool {
+        self.breathing.is_some() || self.pulse.is_some()
     }
 }
 

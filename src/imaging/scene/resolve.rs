@@ -90,16 +90,16 @@ impl SceneFile {
             warnings.extend(new);
             warnings.extend(variation.absent_tissues(&volume, &tissues));
         }
-        let deformation = self.deformation(&volume, base_dir)?;
+        let body = Body {
+            volume: &volume,
+            tissues: &tissues,
+        };
+        let deformation = self.deformation(&body, base_dir, &mut notes, &mut warnings)?;
 
         let mut pose_of_file = self.pose.clone();
         let (probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
-                let body = Body {
-                    volume: &volume,
-                    tissues: &tissues,
-                };
                 let pose = stage::during("placing the probe", || {
                     self.fixed_pose(&body, &framing.probe, &mut notes, &mut warnings)
                 })?;
@@ -120,10 +120,6 @@ impl SceneFile {
         settle(&image, &mut file, tracked.as_mut());
         // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is
         // seen.
-        let body = Body {
-            volume: &volume,
-            tissues: &tissues,
-        };
         let blind = outside(&body, &framing.grid, &probe, self.stated_world());
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
@@ -180,7 +176,8 @@ impl SceneFile {
         let still = Trajectory::fixed(Pose::from_matrix(&Matrix4::identity()).ok()?);
         let (probe, recorded) = path.map_or((still, false), |path| (path.trajectory, path.recorded));
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), None);
-        self.deform.is_none().then(|| timeline.frames())
+        let is_alive = self.motion.as_ref().is_some_and(MotionSpec::is_alive);
+        (self.deform.is_none() && !is_alive).then(|| timeline.frames())
     }
 
     /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.
@@ -204,9 +201,14 @@ impl SceneFile {
                 recording = Some(times(path.tip()));
             }
         }
-        if let Some(ramp) = deformation.and_then(Deformation::span_s) {
+        let [ramp, breath] = deformation.map_or([None; 2], Deformation::spans_s);
+        if let Some(ramp) = ramp {
             let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
             spans.push(ramp.map(|time| start + time.max(0.0)));
+        }
+        // Of what only breathes, one breath, or else one beat.
+        if spans.is_empty() {
+            spans.extend(breath);
         }
         let stated = self.motion.as_ref().and_then(|motion| motion.frames);
         Timeline::new(recording, &spans, stated.map(|frames| frames as usize))

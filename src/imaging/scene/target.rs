@@ -287,7 +287,7 @@ impl Body<'_> {
     }
 
     /// Labels that match a target, the largest first: by value, by complete name, or by a part of a name.
-    fn matching(&self, target: &str) -> Vec<u8> {
+    pub(super) fn matching(&self, target: &str) -> Vec<u8> {
         let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
         self.by_size(|label, _| meant.contains(&label))
     }

@@ -81,7 +81,16 @@ impl ScenarioFile {
                 (file, folder, false)
             }
         };
-        let moving = [("needle", file.needle.is_some()), ("deform", file.deform.is_some())];
+        let motion = file.motion.as_ref();
+        let moving = [
+            ("needle", file.needle.is_some()),
+            ("deform", file.deform.is_some()),
+            (
+                "motion.breathing",
+                motion.is_some_and(|motion| motion.breathing.is_some()),
+            ),
+            ("motion.pulse", motion.is_some_and(|motion| motion.pulse.is_some())),
+        ];
         if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
             let key_in_file = if is_inline {
                 format!("scene.{key}")
