@@ -79,6 +79,19 @@ pub fn line(text: &[u8], position: Option<&csv::Position>) -> u64 {
     position.line() + before.count() as u64
 }
 
+/// What is between the cells of a header in place of commas; `None` for any other header.
+pub fn other_separator(header: &StringRecord) -> Option<&'static str> {
+    let separators = [(';', "semicolons"), ('\t', "tabs")];
+    let (_, name) = separators.into_iter().find(|(mark, _)| {
+        let cell = header.get(0).unwrap_or_default();
+        header.len() == 1 && cell.contains(*mark)
+    })?;
+    Some(name)
+}
+
+/// Expected where [`other_separator`] is found.
+pub const COMMAS: &str = "commas between cells, and points in numbers (1.5): export the table with these";
+
 impl Csv {
     /// Reads a table with all `required` columns, any of the `optional` ones, and no others, in any order.
     ///
@@ -124,6 +137,10 @@ impl Csv {
             records: Vec::new(),
         };
         table.header = reader.headers().map_err(|error| table.torn(bytes, error))?.clone();
+        if let Some(separator) = other_separator(&table.header) {
+            let found = format!("{separator} between the cells of `{}`", head(&table.header[0], QUOTED));
+            return Err(table.wrong(1, found, COMMAS));
+        }
         for (index, name) in table.header.iter().enumerate() {
             if table.header.iter().take(index).any(|other| other == name) {
                 let found = format!("the column `{}` twice", head(name, QUOTED));
@@ -287,6 +304,16 @@ mod tests {
             ),
             ("frame,u_px,frame\n0,1,2\n", "line 1: found the column `frame` twice"),
             ("frame,u_px\n", "line 1: found no rows after the header"),
+            (
+                "\u{feff}frame;u_px\r\n0;1,5\r\n",
+                "line 1: found semicolons between the cells of `frame;u_px`; expected commas between cells, and points in numbers",
+            ),
+            ("frame\tu_px\n0\t1\n", "line 1: found tabs between the cells"),
+            // Near miss: a semicolon within the name of a column.
+            (
+                "frame,u;px\n0,1\n",
+                "line 1: found the header `frame,u;px` without `u_px`",
+            ),
             (
                 "frame,u_px\n0,1\n2\n",
                 "line 3: found 1 cells; expected 2, as in the header",

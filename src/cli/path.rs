@@ -1,15 +1,19 @@
 //! `insonify path`: needle paths to a target that allow for the deformation of tissue.
 
 use std::ops::ControlFlow;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Args, ValueEnum};
 use insonify::input::scenario::ScenarioFile;
+use insonify_anatomy::registration::surface;
 use insonify_base::output::png;
 use insonify_base::range::numbers;
 use insonify_imaging::overview::overview;
 use insonify_imaging::synth::FrameState;
+use insonify_mesh::file::Unit;
 use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan, resolved};
+
+use insonify_tracking::world::World;
 
 use super::backend::BackendArgs;
 use super::exercise::{relocated, source};
@@ -46,11 +50,11 @@ pub(crate) struct PathArgs {
     /// Scenario file (TOML), or the name of a built-in one; needle, tissue and speed are used; its motion is ignored
     #[arg(value_name = "SCENARIO.toml")]
     scenario: PathBuf,
-    /// Target: a point in the anatomy at rest (LPS), mm, or the name of a target of the scenario's plan, a label or a
-    /// tissue
+    /// Target: a point in the anatomy at rest (LPS), mm, the one point in a file of 3D Slicer (.fcsv, .mrk.json), or the
+    /// name of a target of the scenario's plan, a label or a tissue
     #[arg(
         long,
-        value_name = "X,Y,Z|NAME",
+        value_name = "X,Y,Z|FILE|NAME",
         allow_hyphen_values = true,
         required_unless_present = "target_px"
     )]
@@ -117,6 +121,7 @@ enum ModelName {
 impl PathArgs {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
+        let options = self.options()?;
         let folder = self
             .force
             .folder(&self.output, "path", FILES, &inputs(&self.scenario))?;
@@ -128,7 +133,7 @@ impl PathArgs {
         file.adapter = Some(self.backend.choice());
         let scenario = resolved(file, |file| resolve(file, &base))?;
         let plan = terminal::with_share("simulating lines", |share| {
-            plan(&scenario, &self.options(), &|done, count| {
+            plan(&scenario, &options, &|done, count| {
                 share(done as f64 / count.max(1) as f64);
                 ControlFlow::Continue(())
             })
@@ -178,10 +183,11 @@ impl PathArgs {
         Ok(())
     }
 
-    fn options(&self) -> PathOptions {
-        PathOptions {
+    fn options(&self) -> Result<PathOptions, Error> {
+        Ok(PathOptions {
             target: match (self.target_px, self.target.as_deref().unwrap_or_default()) {
                 (Some(at_px), _) => Goal::Pixel(at_px),
+                (None, target) if is_points(target) => Goal::At(point_in(Path::new(target))?),
                 (None, target) => numbers::<3>(target).map_or_else(|_| Goal::Named(target.to_owned()), Goal::At),
             },
             entry: match (self.entry_px, self.entry.as_str(), numbers::<6>(&self.entry)) {
@@ -195,6 +201,65 @@ impl PathArgs {
             tolerance_mm: self.tolerance_mm,
             section_mm: (self.model == ModelName::Section).then_some(self.thickness_mm),
             speed_mm_s: self.speed_mm_s,
-        }
+        })
+    }
+}
+
+/// Whether a name is that of a file of points of 3D Slicer.
+fn is_points(name: &str) -> bool {
+    let name = name.to_ascii_lowercase();
+    [".fcsv", ".mrk.json"].iter().any(|ending| name.ends_with(ending))
+}
+
+/// The only point of a file of 3D Slicer, LPS, mm.
+fn point_in(path: &Path) -> Result<[f64; 3], Error> {
+    let read = surface::read(path, Unit::Mm)?;
+    let [point] = read.points[..] else {
+        let found = format!("{}: found {} points", path.display(), read.points.len());
+        return Err(usage(found, "save the target alone, or give it as X,Y,Z"));
+    };
+    if read.guessed_ras {
+        let name = path.display();
+        terminal::note(format_args!(
+            "{name} does not state its axes: guessed as RAS, which 3D Slicer before 5 wrote"
+        ));
+    }
+    let is_ras = read.is_ras.unwrap_or(read.guessed_ras);
+    let world = if is_ras { World::Ras } else { World::Lps };
+    Ok(world.vector(point.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_is_the_one_point_of_a_file_in_its_axes() {
+        let folder = tempfile::tempdir().unwrap();
+        let read = |name: &str, text: &str| {
+            let path = folder.path().join(name);
+            std::fs::write(&path, text).unwrap();
+            assert!(is_points(&path.display().to_string()));
+            point_in(&path).map_err(|error| error.to_string())
+        };
+        let json = |system: &str, points: &str| {
+            format!("{{\"markups\": [{{\"coordinateSystem\": \"{system}\", \"controlPoints\": [{points}]}}]}}")
+        };
+        let point = "{\"position\": [4, 3, -2]}";
+        assert_eq!(
+            read("a.fcsv", "# CoordinateSystem = 0\nF,4,3,-2\n"),
+            Ok([-4.0, -3.0, -2.0])
+        );
+        assert_eq!(
+            read("b.FCSV", "# CoordinateSystem = LPS\nF,4,3,-2\n"),
+            Ok([4.0, 3.0, -2.0])
+        );
+        assert_eq!(read("a.mrk.json", &json("RAS", point)), Ok([-4.0, -3.0, -2.0]));
+        let two = read(
+            "b.mrk.json",
+            &json("LPS", &format!("{point}, {{\"position\": [9, 9, 9]}}")),
+        );
+        assert!(two.expect_err("two points").contains("found 2 points"));
+        assert!(!is_points("vessel") && !is_points("a.json"));
     }
 }

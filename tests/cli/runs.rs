@@ -447,6 +447,9 @@ fn the_target_of_a_frame_is_the_one_drawn_for_it() {
         let (line, row): (Value, BTreeMap<String, String>) = (serde_json::from_str(line).expect("JSON"), row);
         assert_eq!(line["target"], line["frame_parameters"]["pose.target"]);
         assert_eq!(line["target"], row["target"].as_str());
+        let share = line["target_share"].as_f64().expect("a share");
+        assert!(share > 0.02 && share < 0.9, "{line}");
+        assert_eq!(row["target_share"], share.to_string());
         // The right kidney lies at x < 0 (LPS).
         let is_right = line["probe_to_world"][0][3].as_f64().expect("x") < 0.0;
         assert_eq!(is_right, line["target"] == "kidney_right", "{line}");

@@ -28,6 +28,16 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
             x + 30.0
         )
     };
+    let path = |factor: f64| {
+        let keyframe = |time_s: f64, z: f64| {
+            format!(
+                "[[motion.keyframes]]\ntime_s = {time_s}\nposition_mm = [0, {}, {}]\ndirection = [0, 1, 0]\n",
+                -105.0 * factor,
+                z * factor
+            )
+        };
+        format!("{}{}", keyframe(0.0, -10.0), keyframe(1.0, 10.0))
+    };
     let attenuation =
         |name: &str, value: f64| format!("[[tissue]]\nname = \"{name}\"\nattenuation_db_cm_mhz = {value}");
     for (doubted, words, near) in [
@@ -78,6 +88,20 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
                 "\"prostate_central\"",
             ],
             "[randomise]\nliver.attenuation_db_cm_mhz = { uniform = [0.4, 0.6] }".to_owned(),
+        ),
+        (
+            "[needle]\ntip_mm = [-38, -94, -16]\nentry_mm = [-38, -40, -16]".to_owned(),
+            &["comes from within the body", "entry and its tip exchanged"],
+            "[needle]\ntip_mm = [-38, -40, -16]\nentry_mm = [-38, -94, -16]".to_owned(),
+        ),
+        (
+            path(0.1),
+            &[
+                "the probe lies within the body in 2 of 2 poses",
+                "in cm?",
+                "on the body in 2",
+            ],
+            path(1.0),
         ),
         (
             needle(0.0, 8.0),

@@ -170,7 +170,7 @@ fn poses(keys: &str) -> (tempfile::TempDir, String) {
 
 #[test]
 fn transforms_named_after_nodes_can_be_named() {
-    let (_folder, file) = poses("LinearTransform_3Transform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1\nStylus = what");
+    let (folder, file) = poses("LinearTransform_3Transform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1\nStylus = what");
     let sequence = |more: &str| small(&format!("[motion.sequence]\nfile = {file}\n{more}"));
     let scene = resolve(&sequence("transform = \"LinearTransform_3\"")).expect("scene");
     assert_eq!(
@@ -197,6 +197,15 @@ fn transforms_named_after_nodes_can_be_named() {
     let error = fault(&sequence(""));
     assert!(error.to_string().contains("it has LinearTransform_3"));
     assert_eq!(error.help(), Some("did you mean \"LinearTransform_3\"?"));
+    // Nor do transforms of a configuration move the probe.
+    let config = folder.path().join("plus.xml");
+    let text = "<PlusConfiguration><CoordinateDefinitions><Transform From=\"Image\" To=\"Probe\" \
+                Matrix=\"1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\"/></CoordinateDefinitions></PlusConfiguration>";
+    std::fs::write(&config, text).expect("a configuration");
+    let error = fault(&sequence(&format!(
+        "transform = \"ProbeToImag\"\nplus_config = {config:?}"
+    )));
+    assert_eq!(error.help(), Some("did you mean \"LinearTransform_3\"?"), "{error}");
     // Near miss: a misspelt pair that moves.
     let (_folder, file) = poses("ProbeToTrackerTransform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1");
     let error = fault(&small(&format!(

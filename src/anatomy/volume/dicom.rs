@@ -105,7 +105,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
     }
     let warnings = labelled.warning.into_iter().collect();
     let volume = super::LabelVolume::new([columns, rows, slices], labelled.voxels, labelled.labels, world)
-        .and_then(|volume| extent::check(&volume).map(|()| volume))
+        .and_then(|volume| extent::check(&volume, Some("mm")).map(|()| volume))
         .map_err(|error| error.in_file(path))?;
     Ok(Loaded {
         volume,

@@ -1,5 +1,6 @@
 //! Extent of a body: whether its lengths can be millimetres.
 
+use super::unit::millimetres;
 use super::{LabelVolume, VolumeError};
 
 /// Extents of labelled bodies and of parts of them, mm. No patient is beyond the upper end, and nothing that ultrasound
@@ -9,7 +10,7 @@ const BODIES_MM: [f64; 2] = [1.0, 5000.0];
 /// Extents that a torso or an organ has, mm, by which a unit is proposed.
 const USUAL_MM: [f64; 2] = [20.0, 2500.0];
 
-/// Units that a file may be in where another was taken, and the factor on its lengths.
+/// Units that a file without one may be in, and the factor on its lengths.
 const UNITS: [(&str, f64); 5] = [
     ("m where mm were taken", 1e3),
     ("cm where mm were taken", 10.0),
@@ -17,6 +18,9 @@ const UNITS: [(&str, f64); 5] = [
     ("µm where mm were taken, or mm where m were", 1e-3),
     ("nm where mm were taken", 1e-6),
 ];
+
+/// Units that a file may be in where it states another, and their millimetres.
+const OTHER_UNITS: [(&str, f64); 5] = [("mm", 1.0), ("m", 1e3), ("cm", 10.0), ("µm", 1e-3), ("nm", 1e-6)];
 
 /// Extent of the labelled voxels along each index axis, mm; that of the grid if there are none.
 pub(crate) fn extent_mm(volume: &LabelVolume) -> [f64; 3] {
@@ -42,22 +46,31 @@ pub(crate) fn extent_mm(volume: &LabelVolume) -> [f64; 3] {
     })
 }
 
-/// An error if the labels span what no body does; it names the unit that would fit.
-pub(super) fn check(volume: &LabelVolume) -> Result<(), VolumeError> {
+/// An error if the labels span what no body does; it names the unit that would fit, beside the one that the file states.
+pub(super) fn check(volume: &LabelVolume, stated: Option<&str>) -> Result<(), VolumeError> {
     let extent = extent_mm(volume);
     let longest = extent.into_iter().fold(0.0, f64::max);
     if (BODIES_MM[0]..=BODIES_MM[1]).contains(&longest) {
         return Ok(());
     }
     let list = |factor: f64| extent.map(|side| significant(side * factor)).join(" x ");
-    let fitting = UNITS
-        .iter()
-        .find(|(_, mm)| (USUAL_MM[0]..=USUAL_MM[1]).contains(&(longest * mm)));
+    let fits = |factor: f64| (USUAL_MM[0]..=USUAL_MM[1]).contains(&(longest * factor));
+    let stated = stated.and_then(|unit| Some((unit, millimetres(unit)?)));
+    let fitting = match stated {
+        Some((unit, taken_mm)) => OTHER_UNITS
+            .iter()
+            .map(|(other, mm)| (format!("{other} where the file states {unit}"), mm / taken_mm))
+            .find(|(_, factor)| fits(*factor)),
+        None => UNITS
+            .iter()
+            .map(|(words, factor)| ((*words).to_owned(), *factor))
+            .find(|(_, factor)| fits(*factor)),
+    };
     let advice = match fitting {
-        Some((unit, mm)) => format!(
+        Some((unit, factor)) => format!(
             "in {unit}, they are {} mm: set the unit in the header (NRRD: space units, NIfTI: xyzt_units, MetaImage: DistanceUnits) \
-             or multiply spacing and origin by {mm}",
-            list(*mm)
+             or multiply spacing and origin by {factor}",
+            list(factor)
         ),
         None => "check the spacing and its unit".to_owned(),
     };
@@ -124,12 +137,26 @@ mod tests {
             (0.005, "0.24 x", "in m where mm were taken, they are 240 x"),
             (150.0, "7200 x", "mm where cm were taken, they are 720 x"),
         ] {
-            let message = check(&cuboid(spacing)).expect_err("no body").to_string();
+            let message = check(&cuboid(spacing), None).expect_err("no body").to_string();
             assert!(message.contains(extent) && message.contains(unit), "{message}");
+        }
+        // The unit that the file states is named.
+        for (spacing, stated, words) in [
+            (
+                0.007,
+                "um",
+                "in mm where the file states um, they are 336 x 252 x 210 mm",
+            ),
+            (7000.0, "m", "in mm where the file states m, they are 336 x"),
+            (0.007, "mm", "in m where the file states mm, they are 336 x"),
+            (0.1e-3, "mm", "check the spacing"),
+        ] {
+            let message = check(&cuboid(spacing), Some(stated)).expect_err("no body").to_string();
+            assert!(message.contains(words), "{message}");
         }
         // A vessel of a mouse, a torso, and a torso in centimetres, which the volumes of its organs show.
         for spacing in [0.03, 0.7, 7.0, 70.0] {
-            check(&cuboid(spacing)).unwrap();
+            check(&cuboid(spacing), None).unwrap();
         }
     }
 

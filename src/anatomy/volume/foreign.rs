@@ -76,12 +76,21 @@ pub(crate) fn in_folder(folder: &Path) -> Option<VolumeError> {
         let kind = Foreign::of_file(path, &start)?;
         let name = path.file_name().unwrap_or_default().display();
         let found = format!("a folder with {} ({name}) and no mask", kind.name);
-        if FORMATS.iter().any(|format| (format.recognises)(&start)) {
+        if is_read(&start) {
             let instead = format!("give the file itself: {}", path.display());
             return Some(VolumeError::unsupported(folder, At::Folder, found, instead));
         }
         Some(VolumeError::unsupported(folder, At::Folder, found, kind.labels?))
     })
+}
+
+/// Whether files with these first bytes are read as labels.
+fn is_read(start: &[u8]) -> bool {
+    #[cfg(feature = "dicom")]
+    if super::dicom::recognises(start) {
+        return true;
+    }
+    FORMATS.iter().any(|format| (format.recognises)(start))
 }
 
 /// First bytes of a file.
@@ -225,6 +234,19 @@ mod tests {
         let message = in_folder(folder.path()).unwrap().to_string();
         assert!(
             message.contains("a folder with a CT slice in DICOM (slice_1) and no mask") && message.contains("series"),
+            "{message}"
+        );
+        let mut segmentation = vec![0; 128];
+        segmentation.extend_from_slice(b"DICM\x02\0\x02\0UI\x1c\x001.2.840.10008.5.1.4.1.1.66.4\0");
+        std::fs::write(folder.path().join("1.dcm"), segmentation).unwrap();
+        let message = in_folder(folder.path()).unwrap().to_string();
+        let way = if cfg!(feature = "dicom") {
+            "give the file itself: "
+        } else {
+            "a build with the feature `dicom` reads it"
+        };
+        assert!(
+            message.contains("a folder with a DICOM segmentation (SEG) (1.dcm) and no mask") && message.contains(way),
             "{message}"
         );
     }

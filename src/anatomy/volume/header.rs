@@ -84,6 +84,8 @@ pub struct Header {
     pub axes: Vec<Axis>,
     /// Centre of the first voxel, LPS mm.
     pub origin: Vector3<f64>,
+    /// Unit of length that the file states; `None` if it states none that is known, and mm were taken.
+    pub unit: Option<String>,
     /// Type of the numbers; `None` if the file states that it holds no image.
     pub element: Option<Element>,
     /// Byte order of binary numbers.
@@ -274,6 +276,7 @@ pub(crate) mod tests {
             path: PathBuf::from("test"),
             axes,
             origin: Vector3::zeros(),
+            unit: None,
             element: Some(Element::F64),
             order: ByteOrder::Little,
             scale: None,

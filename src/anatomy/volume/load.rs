@@ -67,11 +67,12 @@ pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
     }
     let header = read_header(path)?;
     refuse_sequence(&header)?;
+    let unit = header.unit.clone();
     let loaded = match channels::axis(&header) {
         Some(axis) => channels::volume(header, axis)?,
         None => labels::volume(header).map_err(|error| grey(path, error))?,
     };
-    extent::check(&loaded.volume).map_err(|error| error.in_file(path))?;
+    extent::check(&loaded.volume, unit.as_deref()).map_err(|error| error.in_file(path))?;
     Ok(loaded)
 }
 

@@ -68,8 +68,8 @@ struct Tags {
     slope: Option<f64>,
     intercept: Option<f64>,
     orientation: Option<[char; 3]>,
-    /// Millimetres per unit of length.
-    unit_mm: Option<f64>,
+    /// Unit of length, if it is known.
+    unit: Option<String>,
     /// Names of the data files, and whether they are the remaining lines of the header.
     data_files: Option<Vec<String>>,
     is_list: bool,
@@ -188,8 +188,8 @@ impl Tags {
                 self.orientation = letters.try_into().ok();
             }
             "DistanceUnits" if !matches!(field.value, "?" | "") => {
-                self.unit_mm = unit::millimetres(field.value);
-                if self.unit_mm.is_none() {
+                self.unit = unit::millimetres(field.value).map(|_| field.value.to_owned());
+                if self.unit.is_none() {
                     let (line, unit) = (field.line, quoted(field.value));
                     self.warnings
                         .push(format!("line {line}: DistanceUnits {unit} taken as mm"));
@@ -237,7 +237,7 @@ impl Tags {
             return Err(missing("ElementDataFile"));
         };
         let (spacing, directions) = (self.steps(dimensions), self.cosines(dimensions));
-        let unit = self.unit_mm.unwrap_or(1.0);
+        let unit = self.unit.as_deref().and_then(unit::millimetres).unwrap_or(1.0);
         // The values of a pixel lie together: they are the fastest axis.
         let channels = (self.channels > 1).then_some(Axis {
             size: self.channels,
@@ -278,6 +278,7 @@ impl Tags {
             path: path.to_owned(),
             axes,
             origin,
+            unit: self.unit,
             element,
             order: if self.big_endian {
                 ByteOrder::Big

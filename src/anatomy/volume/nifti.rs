@@ -146,6 +146,7 @@ pub(super) fn parse(path: &Path, mut reader: impl Read, encoding: Encoding) -> R
         path: path.to_owned(),
         axes,
         origin,
+        unit: grid::unit(&raw).map(str::to_owned),
         element: Some(element(path, &raw)?),
         order,
         scale: slope_given

@@ -14,8 +14,12 @@ use super::format::Format;
 use super::header::{Axis, DataPlace, Encoding, Header, Skip};
 use super::text::{Field, Line, Lines};
 use super::{names, several, unit};
+use insonify_base::number::significant;
 use insonify_base::output::place::Written;
 use insonify_base::read;
+
+/// Relative deviation of spacings from the steps of the directions from which they contradict each other.
+const SAME_STEP: f64 = 0.01;
 
 /// Magic number.
 const MAGIC: &[u8] = b"NRRD";
@@ -308,6 +312,7 @@ impl Fields {
             path: path.to_owned(),
             axes,
             origin,
+            unit: self.space_units.known().or_else(|| self.units.known()),
             element,
             order: self.order.unwrap_or(ByteOrder::Little),
             scale: None,
@@ -380,11 +385,43 @@ impl Fields {
                 "no space directions in the file: the axes are taken as those of LPS, not of its space".to_owned(),
             );
         }
-        if self.space.is_none() && self.directions.is_some() && self.space_dimension != Some(2) {
+        if self.space.is_none() && self.space_dimension != Some(2) {
+            let without = match (&self.directions, &self.spacings) {
+                (Some(_), _) => Some("no anatomical space in the file"),
+                (None, Some(_)) if next_direction == 3 => {
+                    Some("no space and no directions in the file: placed by its spacings alone")
+                }
+                // Pictures have no place, and that there are no spacings, either, is told.
+                _ => None,
+            };
             self.warnings
-                .push("no anatomical space in the file: taken as LPS".to_owned());
+                .extend(without.map(|text| format!("{text}, taken as LPS")));
         }
+        self.warnings.extend(self.two_spacings(&axes, space_units));
         Ok((axes, origin))
+    }
+
+    /// Warning where spacings beside directions contradict them. The format permits only one of both.
+    fn two_spacings(&self, axes: &[Axis], space_units: [f64; 3]) -> Option<String> {
+        let (_, spacings) = self.directions.as_ref().zip(self.spacings.as_ref())?;
+        let pairs = axes.iter().zip(spacings).filter(|(_, spacing)| spacing.is_finite());
+        let pairs: Vec<[f64; 2]> = pairs
+            .filter_map(|(axis, spacing)| Some([axis.direction?.norm(), *spacing * space_units[0]]))
+            .collect();
+        let differs = |[step, spacing]: &[f64; 2]| (spacing / step - 1.0).abs() > SAME_STEP;
+        let list = |index: usize| {
+            let lengths: Vec<String> = pairs.iter().map(|pair| significant(pair[index])).collect();
+            lengths.join(" x ")
+        };
+        pairs.iter().any(differs).then(|| {
+            format!(
+                "line {}: the space directions have steps of {} mm, and spacings says {} mm: the directions are used; if \
+                 organs have a wrong size, mend them",
+                self.spacings_line,
+                list(0),
+                list(1)
+            )
+        })
     }
 
     /// Position of the first sample and step of an axis without direction ("axis mins", "axis maxs", "centerings"), in
@@ -469,6 +506,12 @@ impl Units {
             field: field.name.to_owned(),
             line: field.line,
         }
+    }
+
+    /// First unit that is a length.
+    fn known(&self) -> Option<String> {
+        let mut names = self.names.iter();
+        names.find(|name| unit::millimetres(name).is_some()).cloned()
     }
 
     /// Millimetres of the unit of an axis, that of the last one where fewer are stated; `None` if there is none. One

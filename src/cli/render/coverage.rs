@@ -78,3 +78,21 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_w
     }
     warnings
 }
+
+/// Share of the field of view, by area, that shows a label.
+pub(super) fn share(tables: &Tables, probe_to_world: &Matrix4<f64>, wanted: u8) -> f64 {
+    let volume = &tables.anatomy.volume;
+    let (mut shown, mut all) = (0.0, 0.0);
+    for line in 1..tables.lines() {
+        for sample in (0..tables.samples()).step_by(STRIDE) {
+            let [before, point] = [line - 1, line].map(|line| world_position(tables, probe_to_world, line, sample));
+            // Lines of a fan lie closer together near the array.
+            let width = (point - before).norm();
+            all += width;
+            if volume.label_index_at(&point) == Some(wanted) {
+                shown += width;
+            }
+        }
+    }
+    if all > 0.0 { shown / all } else { 0.0 }
+}

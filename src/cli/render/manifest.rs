@@ -35,6 +35,9 @@ pub(crate) struct Row {
     /// Target that the probe was placed over, if the scene names one.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub target: Option<String>,
+    /// Share of the field of view that shows the target, by area; 0 where the frame misses it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub target_share: Option<f64>,
     /// Seed of all random numbers.
     pub seed: u64,
     /// Parameters of this frame alone.
@@ -119,7 +122,7 @@ impl Manifest {
         let pose = (0..16).map(|entry| format!("m{}{}", entry / 4, entry % 4));
         let mut head = vec!["frame".to_owned(), "time_s".to_owned()];
         head.extend(pose);
-        head.extend(["target", "seed"].map(str::to_owned));
+        head.extend(["target", "target_share", "seed"].map(str::to_owned));
         head.extend(paths.iter().chain(&files).map(|name| (*name).to_owned()));
         head.push("warnings".to_owned());
         let mut text = head.iter().map(|name| cell(name)).collect::<Vec<_>>().join(",") + "\n";
@@ -127,6 +130,7 @@ impl Manifest {
             let mut cells = vec![row.frame.to_string(), row.time_s.to_string()];
             cells.extend(row.probe_to_world.0.transpose().iter().map(f64::to_string));
             cells.push(row.target.clone().unwrap_or_default());
+            cells.push(row.target_share.map_or(String::new(), |share| share.to_string()));
             cells.push(row.seed.to_string());
             cells.extend(paths.iter().map(|path| match row.frame_parameters.get(*path) {
                 Some(Value::String(word)) => word.clone(),

@@ -25,6 +25,7 @@ use insonify_report::gif::Gif;
 use insonify_tracking::needle::{MAX_NODES, NeedlePose};
 use insonify_tracking::pose::Pose;
 
+use super::coverage;
 use super::extras::{self, Extras};
 use super::manifest::{Manifest, Row};
 use super::target::{Target, name_of};
@@ -298,12 +299,16 @@ impl<'a> Output<'a> {
         let pose = Pose::from_matrix(&stated).map_or(stated, |pose| *pose.probe_to_world());
         let frame_parameters = self.scene.parameters(shot.number, self.frames)?;
         let drawn_target = frame_parameters.get("pose.target").and_then(serde_json::Value::as_str);
+        let target = drawn_target.map(str::to_owned).or_else(|| self.scene.target.clone());
+        let label = target.as_deref().and_then(|target| self.scene.body().named(target));
+        let share = label.map(|label| coverage::share(synth.tables(), &pose, label));
         Ok(Row {
             frame: shot.number,
             files,
             time_s: shot.time_s,
             probe_to_world: Rows(pose),
-            target: drawn_target.map(str::to_owned).or_else(|| self.scene.target.clone()),
+            target,
+            target_share: share.map(|share| (1e4 * share).round() / 1e4),
             seed: synth.settings().seed,
             frame_parameters,
             warnings: shot.warnings.to_vec(),

@@ -13,7 +13,8 @@ use super::motion::Needle;
 use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
 use super::target::Body;
-use super::{At, Scene, Timeline};
+use super::{At, Scene, Timeline, doubts};
+use crate::effects::slice::Boundary;
 use crate::synth::tables::{Anatomy, ImageSize, Settings};
 use insonify_anatomy::acoustics::{TissueError, TissueTable, bank};
 use insonify_anatomy::phantom::{self, Phantom, PhantomOptions};
@@ -28,7 +29,7 @@ use insonify_base::note::Notes;
 use insonify_base::range::ByKind;
 use insonify_base::stage;
 use insonify_tracking::pose::Pose;
-use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray};
+use insonify_tracking::probe::{BeamGrid, ProbeSpec, Ray, Site};
 use insonify_tracking::trajectory::Trajectory;
 use insonify_tracking::world::World;
 
@@ -121,6 +122,14 @@ impl SceneFile {
         // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is
         // seen.
         let blind = outside(&body, &framing.grid, &probe, self.stated_world());
+        let is_on_skin = framing.probe.shape.kind().site() == Site::Skin;
+        if blind.is_none() && is_on_skin && self.stated_world().is_some() {
+            warnings.extend(doubts::of_positions(&body, &framing.grid, &probe));
+        }
+        let slice = &framing.effects.slice;
+        if self.volume()?.file.is_some() && slice.boundary == Boundary::Smooth {
+            of_volume.extend(doubts::thin_parts(&body));
+        }
         if blind.is_none() {
             notes.extend(self.assumed_worlds());
             let contact = framing.effects.contact.as_ref();
@@ -162,6 +171,7 @@ impl SceneFile {
             blind,
         };
         scene.warnings.extend(scene.unseen_needle());
+        scene.warnings.extend(scene.reversed_needle());
         Ok(scene)
     }
 
@@ -412,6 +422,16 @@ fn settle(image: &ImageSize, file: &mut SceneFile, recording: Option<&mut Record
     }
 }
 
+/// Units that positions may be in where mm are expected, and their lengths in mm.
+pub(super) const UNITS: [(&str, f64); 2] = [("m", 1000.0), ("cm", 10.0)];
+
+/// A pose with its position in another unit.
+pub(super) fn scaled(pose: &Pose, factor: f64) -> Option<Pose> {
+    let mut matrix = *pose.probe_to_world();
+    matrix.fixed_view_mut::<3, 1>(0, 3).scale_mut(factor);
+    Pose::from_matrix(&matrix).ok()
+}
+
 /// Warning about poses of a path that show nothing of the volume. If the other reading of the axes of `stated` (a table
 /// and its axes) shows more, it says what to change.
 fn outside(body: &Body<'_>, grid: &BeamGrid, path: &Trajectory, stated: Option<(&str, World)>) -> Option<String> {
@@ -436,14 +456,10 @@ fn outside(body: &Body<'_>, grid: &BeamGrid, path: &Trajectory, stated: Option<(
     warning.push_str(&beside_volume(body.volume, &first.pose, axes));
     // Lengths in other units come first: axes would then be guessed from nothing.
     let seen_times = |factor: f64| {
-        let seen = |pose: &Pose| {
-            let mut matrix = *pose.probe_to_world();
-            matrix.fixed_view_mut::<3, 1>(0, 3).scale_mut(factor);
-            Pose::from_matrix(&matrix).is_ok_and(|pose| sees(body, grid, &pose))
-        };
-        path.keys().iter().filter(|key| seen(&key.pose)).count()
+        let poses = path.keys().iter().filter_map(|key| scaled(&key.pose, factor));
+        poses.filter(|pose| sees(body, grid, pose)).count()
     };
-    let units = [("m", 1000.0), ("cm", 10.0)].map(|(unit, factor)| (unit, seen_times(factor)));
+    let units = UNITS.map(|(unit, factor)| (unit, seen_times(factor)));
     if let Some((unit, seen)) = units.into_iter().max_by_key(|(_, seen)| *seen)
         && seen > poses - black
         && seen > poses / 2

@@ -228,7 +228,7 @@ impl Body<'_> {
     }
 
     /// Whether the tissue of a label hides what lies behind it, as bone and gas do.
-    fn hides(&self, label: u8) -> bool {
+    pub(super) fn hides(&self, label: u8) -> bool {
         self.tissues.tissue(label).occlusion_per_mm > 0.0
     }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use insonify_base::csv::{CsvError, line as line_of};
+use insonify_base::csv::{COMMAS, CsvError, line as line_of, other_separator};
 use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::clipped;
@@ -57,6 +57,9 @@ pub fn parse(text: &[u8], path: &Path) -> Result<Vec<Sample>, CsvError> {
         })?;
         let line = line_of(text, record.position());
         if record.len() != COLUMNS.len() {
+            if let Some(separator) = other_separator(&record) {
+                return Err(wrong(line, format!("{separator} between cells"), COMMAS));
+            }
             let found = format!("{} columns", record.len());
             return Err(wrong(line, found, "two, `stretch` and `stress_kpa`"));
         }

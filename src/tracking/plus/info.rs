@@ -54,6 +54,14 @@ impl PlusInfo {
         let plus = PlusConfig::read(path)?;
         let (size, centre) = (plus.image_size, plus.array_centre_px());
         let mut warnings: Vec<String> = plus.warnings.iter().cloned().chain(plus.two_centres()).collect();
+        // That of the images is told with the calibration.
+        let broken = plus
+            .transforms
+            .iter()
+            .filter(|defined| defined.from != "Image" && !is_finite(defined));
+        warnings.extend(broken.map(|DefinedTransform { from, to, .. }| {
+            format!("the transform from `{from}` to `{to}` has a number that is not finite: it is left out")
+        }));
         let images = plus.transforms.iter().filter(|defined| defined.from == "Image");
         let mut markers = images.map(|defined| defined.to.as_str());
         let marker = markers.clone().find(|to| *to == "Probe");
@@ -99,6 +107,10 @@ impl PlusInfo {
     }
 }
 
+fn is_finite(defined: &DefinedTransform) -> bool {
+    defined.matrix.0.iter().all(|number| number.is_finite())
+}
+
 impl fmt::Display for PlusInfo {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let stated = |text: Option<String>| text.unwrap_or_else(|| "not stated".to_owned());
@@ -138,6 +150,9 @@ impl fmt::Display for PlusInfo {
             .collect();
         let cells = text::column("transform", names.iter().map(String::as_str));
         let origins = self.transforms.iter().map(|transform| {
+            if !is_finite(transform) {
+                return "not finite".to_owned();
+            }
             let [x, y, z] = [0, 1, 2].map(|row| transform.matrix.0[(row, 3)]);
             format!("{x:.3}, {y:.3}, {z:.3}")
         });

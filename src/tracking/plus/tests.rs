@@ -271,3 +271,24 @@ fn a_centre_is_guessed_from_the_clip_rectangle_or_the_images() {
     );
     assert_eq!(parse("<V/>").guessed_centre_px(None), None);
 }
+
+#[test]
+fn a_transform_that_is_not_finite_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let info = |matrix: &str| {
+        let path = folder.path().join("a.xml");
+        let text = format!(
+            "<PlusConfiguration><CoordinateDefinitions><Transform From=\"StylusTip\" To=\"Stylus\" Matrix=\"{matrix}\"/>\
+             </CoordinateDefinitions></PlusConfiguration>"
+        );
+        std::fs::write(&path, text).unwrap();
+        PlusInfo::read(&path).expect("info")
+    };
+    let broken = info("1 0 0 nan 0 1 0 0 0 0 1 0 0 0 0 1");
+    assert_eq!(
+        broken.warnings,
+        ["the transform from `StylusTip` to `Stylus` has a number that is not finite: it is left out"]
+    );
+    assert!(broken.to_string().contains("StylusTipToStylus  not finite"), "{broken}");
+    assert!(info("1 0 0 5 0 1 0 0 0 0 1 0 0 0 0 1").warnings.is_empty());
+}

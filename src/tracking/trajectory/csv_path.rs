@@ -8,7 +8,7 @@ use super::{Interpolation, Key, Trajectory, check_time};
 use crate::TrackingError;
 use crate::pose::Pose;
 use crate::world::World;
-use insonify_base::csv::line;
+use insonify_base::csv::{COMMAS, line, other_separator};
 use insonify_base::number;
 use insonify_base::read;
 use insonify_base::text::head;
@@ -87,6 +87,11 @@ impl Trajectory {
             .comment(Some(b'#'))
             .from_reader(source);
         let header = reader.headers().map_err(|error| table_error(path, source, error))?;
+        if let Some(separator) = other_separator(header) {
+            let cells = head(&header[0], FOUND);
+            let text = format!(", line 1: found {separator} between the cells of `{cells}`; expected {COMMAS}");
+            return Err(TrackingError::file(path, text));
+        }
         let columns = Columns::from_header(header, path, parameter)?;
         let mut keys: Vec<Key> = Vec::new();
         let named = |(name, _): &(String, usize)| ParameterColumn {
@@ -310,6 +315,17 @@ mod tests {
                 .to_string();
             assert!(error.contains(words), "{error}");
         }
+    }
+
+    #[test]
+    fn semicolons_between_cells_are_told_as_such() {
+        let error = parse("time_s;x_mm;y_mm;z_mm\n0;1,5;2;3\n")
+            .expect_err("semicolons")
+            .to_string();
+        assert!(
+            error.contains("line 1: found semicolons between the cells of `time_s;x_mm;y_mm;z_mm`; expected commas"),
+            "{error}"
+        );
     }
 
     #[test]

@@ -7,6 +7,7 @@ use nalgebra::{Matrix3x4, Point3, Quaternion, UnitQuaternion, Vector3};
 use super::fields::Fields;
 use crate::volume::error::{At, VolumeError};
 use crate::volume::header::Axis;
+use crate::volume::unit::millimetres;
 
 /// Relative deviation of the sform's steps from the voxel sizes that is told. Rounding in single precision stays below.
 const SAME_STEP: f64 = 0.01;
@@ -18,12 +19,7 @@ pub(super) fn axes(
     warnings: &mut Vec<String>,
 ) -> Result<(Vec<Axis>, Vector3<f64>), VolumeError> {
     let sizes = sizes(path, raw)?;
-    // `nifti1.h`: the low three bits of xyzt_units; unknown is taken as mm.
-    let mm = match raw.xyzt_units & 7 {
-        1 => 1000.0,
-        3 => 0.001,
-        _ => 1.0,
-    };
+    let mm = unit(raw).and_then(millimetres).unwrap_or(1.0);
     let sform = Matrix3x4::from_fn(|row, column| raw.srow[row][column]);
     let is_flat = (0..sizes.len().min(3)).any(|axis| (axis < 2 || sizes[axis] > 1) && sform.column(axis).norm() == 0.0);
     if raw.sform_code > 0 && is_flat {
@@ -73,6 +69,16 @@ pub(super) fn axes(
         })
         .collect();
     Ok((axes, lps(3)))
+}
+
+/// Unit of length in the low three bits of xyzt_units (`nifti1.h`); `None` if unknown.
+pub(super) fn unit(raw: &Fields) -> Option<&'static str> {
+    match raw.xyzt_units & 7 {
+        1 => Some("m"),
+        2 => Some("mm"),
+        3 => Some("um"),
+        _ => None,
+    }
 }
 
 /// Sizes of the axes that the header has.

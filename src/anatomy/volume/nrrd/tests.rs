@@ -304,3 +304,30 @@ fn lines_of_metaimage_are_told_and_change_nothing() {
         "{last}"
     );
 }
+
+#[test]
+fn spacings_alone_and_spacings_beside_directions_are_told() {
+    let warnings = |more: &str| and(more).expect(more).warnings;
+    assert_eq!(
+        warnings("spacings: 2 2 3"),
+        ["no space and no directions in the file: placed by its spacings alone, taken as LPS"]
+    );
+    let directions = "space: LPS\nspace directions: (4,0,0) (0,4,0) (0,0,5)";
+    assert_eq!(
+        warnings(&format!("{directions}\nspacings: 1 1 1")),
+        [
+            "line 8: the space directions have steps of 4.00 x 4.00 x 5.00 mm, and spacings says 1.00 x 1.00 x 1.00 mm: the \
+             directions are used; if organs have a wrong size, mend them"
+        ]
+    );
+    // Near misses: a space, the same steps, spacings that are not known, and a picture.
+    for more in [
+        "space: LPS\nspacings: 2 2 3".to_owned(),
+        format!("{directions}\nspacings: 4 4.001 5"),
+        format!("{directions}\nspacings: nan nan nan"),
+    ] {
+        assert!(warnings(&more).is_empty(), "{more}: {:?}", warnings(&more));
+    }
+    let picture = read("type: uchar\ndimension: 2\nsizes: 2 3\nencoding: raw\nspacings: 1 2").expect("a picture");
+    assert!(picture.warnings.is_empty(), "{:?}", picture.warnings);
+}
