@@ -434,22 +434,32 @@ pub fn register(
     })
 }
 
-/// Doubt of the unit of surface points (mm) that span about as much as the skin would in another unit.
-pub fn unit_doubt(surface: &[Point3<f64>], skin: &Skin) -> Option<String> {
-    /// Units by their length, mm; deviation of the logarithm of the ratio that is the same body.
-    const UNITS: [(&str, f64); 3] = [("centimetres", 10.0), ("inches", 25.4), ("metres", 1000.0)];
+/// Doubt of the unit of surface points (mm) that span about as much as the skin would in another unit, or so little of it
+/// that they determine no map, and the value of `--unit` that would fit.
+pub fn unit_doubt(surface: &[Point3<f64>], skin: &Skin) -> Option<(String, Option<&'static str>)> {
+    /// Units by their length, mm, and value of `--unit`; deviation of the logarithm of the ratio that is the same body.
+    const UNITS: [(&str, f64, Option<&str>); 3] = [
+        ("centimetres", 10.0, Some("cm")),
+        ("inches", 25.4, None),
+        ("metres", 1000.0, Some("m")),
+    ];
     const SAME: f64 = 0.2;
+    /// Span of points below which they are a part of a body only in a larger unit, mm.
+    const PART_MM: f64 = 40.0;
     let longest = |points: &[Point3<f64>]| {
         let [low, high] = bounds(points.iter().copied());
         (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max)
     };
     let [surface_mm, skin_mm] = [longest(surface), longest(skin.points())];
     let ratio = skin_mm / surface_mm;
-    let (unit, mm) = UNITS.into_iter().find(|(_, mm)| (ratio / mm).ln().abs() < SAME)?;
-    Some(format!(
+    let whole = UNITS.into_iter().find(|(_, mm, _)| (ratio / mm).ln().abs() < SAME);
+    let part = (surface_mm < PART_MM && ratio > UNITS[0].1).then_some(UNITS[0]);
+    let (unit, mm, flag) = whole.or(part)?;
+    let text = format!(
         "the surface is {surface_mm:.1} mm long beside a body of {skin_mm:.0} mm: in {unit} it would be {:.0} mm",
         surface_mm * mm
-    ))
+    );
+    Some((text, flag))
 }
 
 /// RMS without outliers, and 95th percentile, of distances.

@@ -148,11 +148,10 @@ impl Register {
             accuracy_mm: self.landmark_mm,
         };
         let targets = centres(&volume, labels);
-        if let Some(doubt) = unit_doubt(&surface, &skin) {
-            let remedy = if self.has_triangles() {
-                "state its unit with --unit"
-            } else {
-                "write its points in mm"
+        if let Some((doubt, unit)) = unit_doubt(&surface, &skin) {
+            let remedy = match unit.filter(|_| self.has_triangles()) {
+                Some(unit) => format!("state its unit with --unit {unit}"),
+                None => "write it in mm".to_owned(),
             };
             terminal::warn(format_args!("{doubt}: {remedy}"));
         }

@@ -460,10 +460,28 @@ fn landmarks_are_met_within_their_accuracy() {
 fn a_surface_in_another_unit_is_told_by_the_size_of_the_body() {
     let skin = skin();
     let shrunk = |factor: f64| -> Vec<Point3<f64>> { skin.points().iter().map(|point| point / factor).collect() };
-    for (factor, unit) in [(10.0, "in centimetres it would be"), (25.4, "in inches it would be")] {
-        let doubt = unit_doubt(&shrunk(factor), &skin).unwrap();
-        assert!(doubt.contains(unit), "{doubt}");
+    for (factor, words, unit) in [
+        (10.0, "in centimetres it would be", Some("cm")),
+        (25.4, "in inches it would be", None),
+    ] {
+        let (doubt, flag) = unit_doubt(&shrunk(factor), &skin).unwrap();
+        assert!(doubt.contains(words) && flag == unit, "{doubt}: {flag:?}");
     }
+    // Points on a part of the body.
+    let part = |factor: f64, within_mm: f64| -> Vec<Point3<f64>> {
+        let points = shrunk(factor);
+        let first = points[0];
+        points
+            .into_iter()
+            .filter(|point| (point - first).norm() < within_mm)
+            .collect()
+    };
+    let (doubt, flag) = unit_doubt(&part(10.0, 12.0), &skin).unwrap();
+    assert!(
+        doubt.contains("in centimetres it would be") && flag == Some("cm"),
+        "{doubt}"
+    );
+    assert_eq!(unit_doubt(&part(1.0, 40.0), &skin), None);
     // Near misses: the surface itself, a child's, and a fifth of it.
     for factor in [1.0, 1.6, 5.0] {
         assert_eq!(unit_doubt(&shrunk(factor), &skin), None);
