@@ -187,7 +187,7 @@ mod tests {
 
     use super::*;
 
-    const CUBE: &str = "type: uchar\ndimension: 3\nsizes: 2 2 3\nspacings: 1 1 1";
+    const CUBE: &str = "type: uchar\ndimension: 3\nsizes: 2 2 3\nspace: LPS\nspacings: 1 1 1";
 
     fn refused(path: &Path) -> String {
         load(path).map(drop).expect_err("refused").to_string()
@@ -239,7 +239,7 @@ mod tests {
         );
         let missing = refused(&header("raw", "s%d.raw 1 3 1"));
         assert!(
-            missing.contains("s3.raw cannot be read") && missing.contains("line 7"),
+            missing.contains("s3.raw cannot be read") && missing.contains("line 8"),
             "{missing}"
         );
         assert!(refused(&header("raw", "s%d.raw 0 4 1")).contains("5 data files for 2 x 2 x 3"));

@@ -206,7 +206,7 @@ fn units_of_the_space_are_those_of_its_axes() {
 fn spacings_have_the_units_of_their_axes() {
     let world = world("spacings: 1 2 3\nunits: \"cm\" \"mm\" \"um\"");
     assert_eq!(world.diagonal().as_slice(), [10.0, 2.0, 3e-3, 1.0]);
-    let header = read("type: uchar\ndimension: 4\nsizes: 5 2 3 4\nencoding: raw\nunits: \"s\" \"mm\" \"mm\" \"mm\"\nkinds: time domain domain domain\nspacings: nan 1 1 1").unwrap();
+    let header = read("type: uchar\ndimension: 4\nsizes: 5 2 3 4\nencoding: raw\nunits: \"s\" \"mm\" \"mm\" \"mm\"\nkinds: time domain domain domain\nspace: LPS\nspacings: nan 1 1 1").unwrap();
     assert!(header.warnings.is_empty(), "{:?}", header.warnings);
     assert!(
         and("spacings: 1 2 3\nunits: \"s\" \"mm\" \"mm\"").unwrap().warnings[0].contains("units \"s\" taken as mm")
