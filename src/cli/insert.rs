@@ -130,7 +130,7 @@ pub(crate) struct Insert {
     #[command(flatten)]
     quality: QualityArgs,
     /// Print the summary as one JSON object: `steps`, `max_base_force_n`, `tip_deflection_mm`, `remeshes`, `step_ms`,
-    /// `events`, `seeds`, `warnings`, ...
+    /// `events`, `seeds`, `misplacement`, `warnings`, ...
     #[arg(long)]
     json: bool,
 }
@@ -329,6 +329,9 @@ fn summary_line(summary: &Summary, output: &Path) -> String {
         0 => String::new(),
         left => format!(", {left} seeds"),
     };
+    let misplaced = summary
+        .misplacement
+        .map_or(String::new(), |misplacement| format!(" ({misplacement})"));
     let changes = summary.level_changes.iter().map(|change| {
         let (level, time_s, jump_n, seconds) = (&change.to, change.time_s, change.force_jump_n, change.seconds);
         format!(", level {level} from {time_s:.3} s (took {seconds:.3} s, force on the hand {jump_n:.1e} N apart)")
@@ -343,9 +346,13 @@ fn summary_line(summary: &Summary, output: &Path) -> String {
             )
         })
         .collect();
+    let images = summary.images.iter();
+    let images: String = images
+        .map(|image| format!(", image {} to {:.1} mm", image.name, image.rms_mm))
+        .collect();
     format!(
         "wrote {}: {} steps ({:.2} s), force on the hand up to {:.2} N, tip deflection up to {:.2} mm{targets}, {} \
-         remeshes{changes}{seeds}; a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
+         remeshes{changes}{seeds}{misplaced}{images}; a step takes {:.3} ms (99 %: {:.3}, longest {:.3}); open {}",
         output.display(),
         summary.steps,
         summary.simulated_s,

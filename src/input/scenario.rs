@@ -38,6 +38,7 @@ mod mesh;
 mod needle;
 pub mod nonlinear_tissue;
 pub mod plan;
+pub mod planning_study;
 mod probe;
 mod regions;
 pub mod reported_points;
@@ -81,6 +82,7 @@ pub const EXAMPLES: &[(&str, &str)] = &[
         "prostate-brachytherapy",
         include_str!("../../assets/prostate-brachytherapy.toml"),
     ),
+    ("prostate-implant", include_str!("../../assets/prostate-implant.toml")),
     ("spine-injection", include_str!("../../assets/spine-injection.toml")),
     (
         "segmentation-biopsy",

@@ -23,7 +23,7 @@ use nalgebra::Point3;
 use points::Points;
 
 /// Names of the plots of every run.
-const PLOTS: [&str; 3] = ["forces", "tip", "step_time"];
+const PLOTS: [&str; 4] = ["forces", "tip", "paths", "step_time"];
 
 /// Data of a run kept for its plots, of bounded size whatever the length of the run.
 #[derive(Clone, Debug)]
@@ -106,10 +106,11 @@ impl Record {
         self.points.add(displaced, out)
     }
 
-    /// Plots over simulated time with their names: forces, tip, step times, and the displacements of reported points.
+    /// Plots over simulated time with their names: forces, tip, paths, step times, and the displacements of reported
+    /// points.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         let mut plots: Vec<_> = PLOTS.into_iter().zip(self.curves.plots()).collect();
-        plots.splice(2..2, self.points.plots());
+        plots.splice(3..3, self.points.plots());
         plots
     }
 

@@ -1,12 +1,15 @@
 //! Summary of a run.
 
-use nalgebra::Point3;
+use std::fmt;
+
+use nalgebra::{Point3, Vector3};
 use serde::Serialize;
 
 use super::Step;
 use crate::input::scenario::Scenario;
+use crate::input::scenario::planning_study::{ImageMatch, Nearest};
 use crate::input::scenario::reported_points::{Displaced, Extremes};
-use insonify_base::statistics::Times;
+use insonify_base::statistics::{Times, mean, std};
 use insonify_mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
 
 /// Maximum number of events kept: a run that never converges reports one per step.
@@ -48,8 +51,14 @@ pub struct Summary {
     pub events: Vec<EventRecord>,
     /// Seeds, in the order of deposition.
     pub seeds: Vec<Seed>,
+    /// Distances of all seeds from their plan; `None` if no planned seed is in tissue.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub misplacement: Option<Misplacement>,
     /// Closest approach to each target.
     pub targets: Vec<Reached>,
+    /// How near the probe came to the images of the planning study; absent without one.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub images: Vec<ImageMatch>,
     /// Displacement of each reported point: its extremes over the frames of the run; absent without any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub points: Vec<Extremes>,
@@ -134,6 +143,49 @@ pub struct Seed {
     pub distance_mm: Option<f64>,
 }
 
+/// Misplacement of the seeds of a plan that came to lie in tissue, in the anatomy at rest, mm.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Misplacement {
+    /// Number of these seeds.
+    pub seeds: usize,
+    /// Mean distance from the plan.
+    pub mean_mm: f64,
+    /// Standard deviation of the distance; `None` for one seed.
+    pub sd_mm: Option<f64>,
+    /// Largest distance.
+    pub max_mm: f64,
+    /// Mean displacement from the plan: what all seeds have in common.
+    pub mean_offset_mm: [f64; 3],
+}
+
+impl Misplacement {
+    fn of_seeds(seeds: &[Seed]) -> Option<Self> {
+        let offsets = seeds
+            .iter()
+            .filter_map(|seed| Some(Point3::from(seed.deposited_mm?) - Point3::from(seed.planned_mm?)));
+        let offsets: Vec<Vector3<f64>> = offsets.collect();
+        let distances: Vec<f64> = offsets.iter().map(|offset| offset.norm()).collect();
+        let max_mm = distances.iter().copied().reduce(f64::max)?;
+        Some(Self {
+            seeds: offsets.len(),
+            mean_mm: mean(&distances),
+            sd_mm: (offsets.len() > 1).then(|| std(&distances)),
+            max_mm,
+            mean_offset_mm: (offsets.iter().sum::<Vector3<f64>>() / offsets.len() as f64).into(),
+        })
+    }
+}
+
+impl fmt::Display for Misplacement {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:.2} mm", self.mean_mm)?;
+        if let Some(sd_mm) = self.sd_mm {
+            write!(f, " +- {sd_mm:.2}")?;
+        }
+        write!(f, " from their plan, at most {:.2} mm", self.max_mm)
+    }
+}
+
 /// Closest approach to a target, in the anatomy at rest.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Reached {
@@ -178,6 +230,7 @@ pub struct Tally<'a> {
     summary: Summary,
     /// Indices of the seeds taken by the model, among all seeds.
     taken_seeds: Vec<usize>,
+    nearest_images: Vec<Nearest>,
     /// Whether the tip is in a critical structure.
     in_critical: bool,
     unheard: u64,
@@ -212,6 +265,7 @@ impl<'a> Tally<'a> {
             remesh_ms: Times::default(),
             summary,
             taken_seeds: Vec::new(),
+            nearest_images: Vec::new(),
             in_critical: false,
             unheard: 0,
         }
@@ -253,6 +307,8 @@ impl<'a> Tally<'a> {
             critical.entries += usize::from(is_inside && !self.in_critical);
         }
         self.in_critical = is_inside;
+        let probe = self.scenario.probe(step.number);
+        self.scenario.study.look(step.time_s, &probe, &mut self.nearest_images);
         self.seed(step);
         for event in &outcome.events {
             if self.summary.events.len() == MAX_EVENTS {
@@ -337,6 +393,10 @@ impl<'a> Tally<'a> {
                 target.nearest_seed_mm = Some(target.nearest_seed_mm.map_or(distance, |least| least.min(distance)));
             }
         }
+        let (scenario, nearest) = (self.scenario, &self.nearest_images);
+        let label_at = |point: &Point3<f64>| scenario.scene.anatomy.volume.label_index_at(point);
+        self.summary.images = scenario.study.matches(label_at, nearest);
+        self.summary.misplacement = Misplacement::of_seeds(&self.summary.seeds);
         self.warn();
         self.summary
     }
@@ -407,5 +467,36 @@ impl<'a> Tally<'a> {
                 .warnings
                 .push(format!("{} more events are not listed", self.unheard));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn misplacement_is_that_of_planned_seeds_in_tissue() {
+        let seed = |planned_mm, deposited_mm| Seed {
+            time_s: 0.0,
+            planned_mm,
+            left_at_mm: [0.0; 3],
+            deposited_mm,
+            distance_mm: None,
+        };
+        let mut seeds = vec![
+            seed(Some([1.0, 1.0, 1.0]), None),
+            seed(None, Some([9.0, 9.0, 9.0])),
+            seed(Some([1.0, 1.0, 1.0]), Some([4.0, 5.0, 1.0])),
+        ];
+        assert_eq!(Misplacement::of_seeds(&seeds[..2]), None);
+        let one = Misplacement::of_seeds(&seeds).expect("a seed");
+        assert_eq!((one.seeds, one.mean_mm, one.sd_mm, one.max_mm), (1, 5.0, None, 5.0));
+        seeds.push(seed(Some([2.0, 0.0, 0.0]), Some([2.0, 0.0, -1.0])));
+        // Distances 5 and 1.
+        let two = Misplacement::of_seeds(&seeds).expect("seeds");
+        assert_eq!((two.seeds, two.mean_mm, two.max_mm), (2, 3.0, 5.0));
+        assert_eq!(two.sd_mm, Some(8_f64.sqrt()));
+        assert_eq!(two.mean_offset_mm, [1.5, 2.0, -0.5]);
+        assert_eq!(two.to_string(), "3.00 mm +- 2.83 from their plan, at most 5.00 mm");
     }
 }

@@ -6,6 +6,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use super::file::ScenarioFile;
+use super::planning_study::PlannedImageSpec;
 use insonify_base::document::InputError;
 use insonify_base::range::parameters;
 use insonify_imaging::scene::NeedleKeyframe;
@@ -31,6 +32,8 @@ parameters! {
         needle: Vec<PlannedNeedle>;
         /// Targets of needles or seeds, for the report.
         target: Vec<TargetSpec>;
+        /// Images of the planning study, which the probe is to show again.
+        image: Vec<PlannedImageSpec>;
     }
 }
 

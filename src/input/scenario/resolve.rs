@@ -12,6 +12,7 @@ use super::labels::unmeshed;
 use super::manipulator::GuideMotion;
 use super::needle::{Moving, NeedleSettings};
 use super::plan::{Deposit, Guide, Target};
+use super::planning_study::PlanningStudy;
 use super::probe::rigid;
 use super::regions::Regions;
 use super::reported_points::Reported;
@@ -84,6 +85,8 @@ pub struct Scenario {
     pub guides: Vec<Guide>,
     /// Places to be reached.
     pub targets: Vec<Target>,
+    /// Images that the probe is to show again.
+    pub study: PlanningStudy,
     /// Points whose displacement is reported.
     pub reports: Vec<Reported>,
     /// Motion of the needle guide on the probe, if there is one.
@@ -268,6 +271,7 @@ impl ScenarioFile {
         let still = || self.wrong_keys("needle", "a needle that does not move", "one that does");
         let path = scene.needle_path().cloned().ok_or_else(still)?;
         let timing = self.timing(&scene, &path)?;
+        let study = self.planning_study(&scene)?;
         let manipulator = self.guided(path.tip(), scene.probe_path())?;
         self.check_deposits(&deposits, &timing)?;
         let (mut notes, mut warnings) = (std::mem::take(&mut scene.notes), std::mem::take(&mut scene.warnings));
@@ -299,6 +303,7 @@ impl ScenarioFile {
             deposits,
             guides,
             targets,
+            study,
             timing,
             notes,
             warnings,

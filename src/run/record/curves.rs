@@ -1,5 +1,7 @@
 //! Curves over the steps of a run, thinned to the resolution of a plot while keeping every peak.
 
+use nalgebra::Point3;
+
 use crate::input::scenario::Scenario;
 use crate::run::Step;
 use insonify_report::plot::{Axis, Marker, Plot, Series};
@@ -8,6 +10,15 @@ use insonify_report::plot::{Axis, Marker, Plot, Series};
 pub(super) const STRETCHES: u64 = 800;
 /// Maximum number of individually marked steps that remesh.
 const MARKED: usize = 1500;
+/// Names of the ways of needle and probe: directions of x, y, z in the world (LPS).
+const WAYS: [&str; 6] = [
+    "needle to the left",
+    "needle to the back",
+    "needle to the head",
+    "probe to the left",
+    "probe to the back",
+    "probe to the head",
+];
 /// Time of a step at haptic rate, ms.
 const HAPTIC_MS: f64 = 1.0;
 
@@ -57,6 +68,10 @@ pub(super) struct Curves {
     inserted: Curve,
     deflection: Curve,
     target: Option<Curve>,
+    /// Base of the needle and array of the probe at the first step, mm.
+    from: Option<[Point3<f64>; 2]>,
+    /// Ways from there along x, y, z: of the needle, then of the probe.
+    ways: [Curve; 6],
     ms: Curve,
     remeshed: Vec<[f64; 2]>,
     end_s: f64,
@@ -86,6 +101,12 @@ impl Curves {
         if let (Some(curve), Some(distance)) = (&mut self.target, target_mm) {
             curve.add(time_s, distance, starts);
         }
+        let now = [Point3::from(step.base.translation.vector), step.guidance.array];
+        let from = *self.from.get_or_insert(now);
+        for (index, curve) in self.ways.iter_mut().enumerate() {
+            let (instrument, axis) = (index / 3, index % 3);
+            curve.add(time_s, now[instrument][axis] - from[instrument][axis], starts);
+        }
         self.ms.add(time_s, step.ms, starts);
         if outcome.remeshes > 0 && self.remeshed.len() < MARKED {
             self.remeshed.push([time_s, step.ms]);
@@ -93,7 +114,7 @@ impl Curves {
         self.end_s = time_s;
     }
 
-    pub(super) fn plots(&self) -> [Plot; 3] {
+    pub(super) fn plots(&self) -> [Plot; 4] {
         let mut forces = vec![
             self.axial.series("along the needle", 0),
             self.lateral.series("across the needle", 1),
@@ -108,6 +129,8 @@ impl Curves {
                 .iter()
                 .map(|curve| curve.series("distance to the target", 2)),
         );
+        let ways = WAYS.into_iter().zip(&self.ways).enumerate();
+        let ways = ways.map(|(index, (name, curve))| curve.series(name, index)).collect();
         let remeshed = Series::points("steps that remesh", 1, Marker::Cross, self.remeshed.clone());
         let limit = vec![[0.0, HAPTIC_MS], [self.end_s, HAPTIC_MS]];
         let haptic = Series::line("1 ms: haptic rate", 6, limit);
@@ -120,6 +143,7 @@ impl Curves {
                 forces,
             ),
             plot("Tip of the needle", Axis::linear("mm"), tip),
+            plot("Paths of needle and probe from their start", Axis::linear("mm"), ways),
             plot("Time of a step", Axis::log("ms"), times),
         ]
     }

@@ -96,7 +96,14 @@ fn figures(summary: &Summary) -> Vec<[String; 2]> {
         let quantity = format!("Least distance of the tip from the target ({})", target.name);
         [quantity, format!("{:.2} mm", target.nearest_tip_mm)]
     });
-    rows.chain(force).chain(nearest).collect()
+    let seeds = summary.misplacement.iter().map(|misplacement| {
+        let (figure, offset) = (misplacement.to_string(), place(misplacement.mean_offset_mm));
+        [
+            format!("Misplacement of {} seeds", misplacement.seeds),
+            format!("{figure}; on average by {offset} mm"),
+        ]
+    });
+    rows.chain(force).chain(nearest).chain(seeds).collect()
 }
 
 /// Adds targets, seeds, changes of level and events.
@@ -111,6 +118,25 @@ fn tables(page: &mut Page, summary: &Summary) {
     });
     let heads = ["target", "at, mm", "least distance of the tip, mm", "nearest seed, mm"];
     table(page, "Targets", heads, targets);
+    let images = summary.images.iter().map(|image| {
+        [
+            image.name.clone(),
+            in_mm(Some(image.time_s), ""),
+            in_mm(Some(image.rms_mm), ""),
+            place([image.lateral_mm, image.axial_mm, image.elevational_mm]),
+            format!("{:.1}", image.turn_deg),
+            image.dice.map_or(String::new(), |dice| format!("{dice:.3}")),
+        ]
+    });
+    let heads = [
+        "planned image",
+        "nearest at, s",
+        "points off, RMS, mm",
+        "array off: lateral, axial, elevational, mm",
+        "turned, deg",
+        "organ, Dice",
+    ];
+    table(page, "Planning study", heads, images);
     let points = summary.points.iter().map(|point| {
         let range = |[least, most]: [f64; 2]| format!("{least:.3} to {most:.3}");
         [

@@ -154,19 +154,20 @@ fn a_run_writes_the_displacements_of_points_at_the_rate_of_frames() {
     let expected = [
         "forces",
         "tip",
+        "paths",
         "displacement_axial",
         "displacement_lateral",
         "displacement_elevational",
         "step_time",
     ];
     assert_eq!(names, expected);
-    assert_eq!(plots[2].1.series.len(), 2);
+    assert_eq!([2, 3].map(|plot| plots[plot].1.series.len()), [6, 2]);
     assert!(kept.stresses.len() == 5 && kept.stresses[4].as_ref().expect("stress").iter().any(|kpa| *kpa > 0.1));
     // Without reports, nothing is added.
     let plain = resolved(BLOCK).expect("a scenario");
     let mut model = PrescribedModel::new(&plain);
     let (kept, summary) = Kept::of(&plain, &mut model, Requests::default());
-    assert_eq!((summary.points.len(), kept.record.plots().len()), (0, 3));
+    assert_eq!((summary.points.len(), kept.record.plots().len()), (0, 4));
     assert_eq!(kept.points, b"time_s,inserted_mm\n");
 }
 

@@ -4,10 +4,11 @@ use nalgebra::Point3;
 
 use super::prescribed::PrescribedModel;
 use super::{BLOCK, resolved, with_probe};
-use crate::input::scenario::Scenario;
+use crate::input::scenario::{EXAMPLES, Scenario};
 use crate::run::record::Record;
 use crate::run::summary::Summary;
 use crate::run::{Deformed, Moment, Observer, Requests, Step, run};
+use insonify_base::document::InputError;
 use insonify_mechanics::insertion::StepError;
 
 /// Records what the observer receives.
@@ -145,6 +146,7 @@ at_mm = [0, 0, -35]
         // The model deposits them 0.5 mm beside the tip.
         assert!((seed.distance_mm.expect("in tissue") - 0.5).abs() < 1e-9);
     }
+    assert_eq!(summary.misplacement.map(|misplacement| misplacement.seeds), Some(2));
     assert!((summary.targets[0].nearest_tip_mm) < 1e-6);
     assert!((summary.targets[0].nearest_seed_mm.expect("a seed") - f64::hypot(5.0, 0.5)).abs() < 1e-9);
 }
@@ -239,4 +241,52 @@ fn the_level_of_remeshing_changes_on_the_way() {
     assert!(told[1].force_jump_n > 1e-6, "and what it left comes then: {told:?}");
     assert_eq!(changing[..20], plain[..20]);
     assert_ne!(changing[189], plain[189]);
+}
+
+/// The block seen in a plane across its needle, with an image of a planning study 3 mm beside it.
+fn studied(image: &str) -> Result<Scenario, InputError> {
+    let pose = "[scene.pose]\nposition_mm = [0, -40, 0]\ndirection = [0, 1, 0]\nlateral = [1, 0, 0]\n[scene.image]";
+    resolved(&(BLOCK.replace("[scene.image]", pose) + "[[plan.image]]\nname = \"middle\"\n" + image))
+}
+
+const BESIDE: &str = "position_mm = [0, -40, 3]\ndirection = [0, 1, 0]\nlateral = [1, 0, 0]\n";
+
+#[test]
+fn the_probe_is_held_against_a_planning_study() {
+    let scenario = studied(&format!("organ = [\"inclusion\"]\n{BESIDE}")).expect("a scenario");
+    let (_, summary) = heard(&scenario, Requests::default());
+    let [image] = &summary.images[..] else {
+        panic!("{:?}", summary.images)
+    };
+    assert!((image.rms_mm - 3.0).abs() < 1e-9 && image.turn_deg < 1e-6, "{image:?}");
+    assert!((image.elevational_mm.abs() - 3.0).abs() < 1e-9, "{image:?}");
+    // The inclusion has the same section in both.
+    assert!(image.dice.expect("an organ") > 0.99, "{image:?}");
+    for (lines, key) in [
+        (format!("organ = [\"spleen\"]\n{BESIDE}"), "plan.image[0].organ[0]"),
+        (
+            format!("organ = [\"inclusion\"]\n{}", BESIDE.replace("-40, 3", "-40, 400")),
+            "plan.image[0].organ",
+        ),
+        (BESIDE.replace("[0, 1, 0]", "[0, 0, 0]"), "plan.image[0].direction"),
+        (
+            format!("{BESIDE}[[plan.image]]\nname = \"middle\"\n{BESIDE}"),
+            "plan.image[1].name",
+        ),
+    ] {
+        let error = studied(&lines).map(drop).expect_err(key);
+        assert_eq!(error.key(), Some(key), "{error}");
+    }
+}
+
+#[test]
+fn the_implant_that_comes_with_the_crate_has_twenty_needles_and_eighty_seeds() {
+    let (_, text) = EXAMPLES
+        .iter()
+        .find(|(name, _)| *name == "prostate-implant")
+        .expect("an example");
+    let coarse = text.replace("nodes = 3300", "nodes = 250");
+    assert_ne!(coarse, *text);
+    let scenario = resolved(&coarse).expect("a scenario");
+    assert_eq!((scenario.guides.len(), scenario.deposits.len()), (20, 80));
 }
