@@ -29,7 +29,7 @@ Examples:
 
 The output is periodic. docs/training.md describes the steps from images to a scene.";
 
-/// Ratio of lengths of autocorrelation at which a solid is unlike its exemplar.
+/// Ratio of lengths of autocorrelation, or of steps, at which a solid is unlike its exemplar.
 const UNLIKE: f64 = 1.5;
 
 /// Makes a solid texture from regions of ultrasound images
@@ -54,8 +54,8 @@ pub(crate) struct TextureArgs {
     /// Region of the x-z image
     #[arg(long, value_name = "X,Y,W,H", value_parser = numbers::<4>, requires = "xz")]
     xz_region: Option<[f64; 4]>,
-    /// Curved array: column and row of the virtual apex, at which the scanlines meet; regions are resampled to beam
-    /// space
+    /// Curved array: column and row of the virtual apex, at which the scanlines meet: above the region, or below where
+    /// the array is at the bottom; the largest rectangle of angle and depth in the region is resampled to beam space
     #[arg(long, value_name = "X,Y", value_parser = numbers::<2>, allow_hyphen_values = true)]
     apex: Option<[f64; 2]>,
     /// Side of a pixel, if the image does not state it
@@ -110,6 +110,16 @@ impl TextureArgs {
             return Err(usage(format!("--range-db {}", self.range_db), "give 10 to 200 dB"));
         }
         let first = self.prepared(&self.image, self.region, self.voxel_mm)?;
+        if let Some(([column, row], db)) = first.uneven() {
+            terminal::warn(format_args!(
+                "the region is not even: around {:.0} % of its width and {:.0} % of its height it is {:.0} dB {} than the rest, which \
+                 becomes blots or stripes of the texture; take a region of one even tissue",
+                100.0 * column,
+                100.0 * row,
+                db.abs(),
+                if db < 0.0 { "darker" } else { "brighter" }
+            ));
+        }
         let prepared_view = |image: &Option<PathBuf>, region: Option<[f64; 4]>| match (image, region) {
             (Some(image), Some(region)) => self.prepared(image, region, Some(first.voxel_mm)).map(Some),
             _ => Ok(None),
@@ -148,6 +158,13 @@ impl TextureArgs {
             terminal::warn(
                 "the structure of the solid is not as long as that of the image: look at the page, and take a region of one even tissue",
             );
+        }
+        let seam = solid.figures.seam.into_iter().fold(0.0, f64::max);
+        if seam >= UNLIKE {
+            terminal::warn(format_args!(
+                "the texture does not close: steps across its border are {seam:.1} times those within, a seam in large organs; \
+                 take a region of one even tissue, or a larger --size"
+            ));
         }
         solid.write(&self.output)?;
         let name = self

@@ -15,7 +15,7 @@ use crate::realism::texture::Patch;
 use crate::texture::synthesis::{Exemplar, Exemplars, MIN, correlations, synthesise};
 use insonify_anatomy::volume::VolumeError;
 use insonify_base::output::{OutputError, atomic};
-use insonify_base::statistics::full_width;
+use insonify_base::statistics::{full_width, median};
 
 /// Standard deviation of the trend that counts as gain, share of the smaller side of a region.
 const TREND_SHARE: f64 = 0.25;
@@ -24,8 +24,12 @@ const TREND_SHARE: f64 = 0.25;
 const LOWPASS_CELLS: f64 = 1.0;
 /// Full width at half maximum of a Gaussian in standard deviations.
 const FWHM: f64 = 2.354_820_045;
-/// Iterations for the limits of a rectangle of angle and depth.
-const BEAM_STEPS: usize = 50;
+/// Steps of each edge in the search for a rectangle of angle and depth.
+const ANGLES: usize = 400;
+/// Blocks along each side of an exemplar, whose means are compared.
+const BLOCKS: usize = 6;
+/// Distance of a block's mean from the median of all at which tissue is uneven: in median distances, and at least in dB.
+const UNEVEN: [f64; 2] = [6.0, 2.0];
 /// Largest lag of autocorrelations, voxels.
 const MAX_LAG: usize = 32;
 
@@ -135,6 +139,29 @@ pub struct PreparedExemplar {
     pub cell_mm: [f64; 2],
 }
 
+impl PreparedExemplar {
+    /// Column and row, as shares of the sides, of the part that is least like the rest, and by how many decibels it is
+    /// brighter; `None` if the tissue is even.
+    pub fn uneven(&self) -> Option<([f64; 2], f64)> {
+        let [width, height] = self.exemplar.size;
+        let mut sums = [[0.0, 0.0]; BLOCKS * BLOCKS];
+        for (pixel, level) in self.exemplar.values.iter().enumerate() {
+            let [column, row] = [pixel % width * BLOCKS / width, pixel / width * BLOCKS / height];
+            let block = &mut sums[row * BLOCKS + column];
+            *block = [block[0] + f64::from(*level), block[1] + 1.0];
+        }
+        let means = sums.map(|[sum, count]| sum / count);
+        let middle = median(means.to_vec())?;
+        let departures = means.map(|mean| mean - middle);
+        let usual = median(departures.iter().map(|departure| departure.abs()).collect())?;
+        let blocks = departures.into_iter().enumerate();
+        let (block, departure) = blocks.max_by(|a, b| a.1.abs().total_cmp(&b.1.abs()))?;
+        let centre = [block % BLOCKS, block / BLOCKS].map(|index| (index as f64 + 0.5) / BLOCKS as f64);
+        let limit = (UNEVEN[0] * usual).max(UNEVEN[1]);
+        (departure.abs() > limit).then_some((centre, departure))
+    }
+}
+
 impl Preparation {
     /// Prepares a region of an image: sector regions are resampled to beam space, compression is undone, the slow trend
     /// of the gain removed, and of `structure` the speckle averaged out.
@@ -215,35 +242,30 @@ impl Preparation {
         }
     }
 
-    /// The largest rectangle of angle and depth within a region below an apex, with the width of its pixels at half
-    /// depth.
+    /// The largest rectangle of angle and depth within a region, with the width of its pixels at half depth. Rows run
+    /// away from the array, whichever side of the region it is on.
     fn beam_space(&self, cut: &Image, corner: [f64; 2], apex: [f64; 2]) -> Result<(Image, [f64; 2]), String> {
         let mm = self.pixel_mm;
-        // Region relative to the apex, mm: y down.
+        // Region relative to the apex, mm, y down: of an array at the bottom, up.
         let left = (corner[0] - apex[0]) * mm[0];
         let right = left + (cut.size[0] as f64 - 1.0) * mm[0];
-        let top = (corner[1] - apex[1]) * mm[1];
-        let bottom = top + (cut.size[1] as f64 - 1.0) * mm[1];
+        let rows = cut.size[1] as f64 - 1.0;
+        let is_flipped = apex[1] >= corner[1] + rows;
+        let above = if is_flipped {
+            apex[1] - corner[1] - rows
+        } else {
+            corner[1] - apex[1]
+        };
+        let (top, bottom) = (above * mm[1], (above + rows) * mm[1]);
         if top <= 0.0 {
-            return Err(format!("the apex ({}, {}) is not above the region", apex[0], apex[1]));
+            return Err(format!(
+                "the apex ({}, {}) lies in the rows of the region; expected one above them, or below where the array is at the bottom",
+                apex[0], apex[1]
+            ));
         }
-        // A side on its own side of the apex binds at the far end, one beyond it at the near end. Angles and depths
-        // limit each other: iterated.
-        let (mut near, mut far, mut least_angle, mut largest_angle) = (top, bottom, 0.0_f64, 0.0_f64);
-        for _ in 0..BEAM_STEPS {
-            least_angle = (left / if left < 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
-            largest_angle = (right / if right > 0.0 { far } else { near }).clamp(-1.0, 1.0).asin();
-            near = top / least_angle.abs().max(largest_angle.abs()).cos();
-            let nearest = if least_angle * largest_angle < 0.0 {
-                0.0
-            } else {
-                least_angle.abs().min(largest_angle.abs())
-            };
-            far = bottom / nearest.cos();
-        }
-        if far - near < 16.0 * mm[1] || largest_angle <= least_angle {
+        let Some([[least_angle, largest_angle], [near, far]]) = largest_sector([left, right], [top, bottom]) else {
             return Err("the region leaves no rectangle of angle and depth below the apex".to_owned());
-        }
+        };
         let middle = (near + far) / 2.0;
         let step = mm[0] / middle;
         let size = [
@@ -255,9 +277,10 @@ impl Preparation {
                 least_angle + (pixel % size[0]) as f64 * step,
                 near + (pixel / size[0]) as f64 * mm[1],
             );
+            let row = (radius * angle.cos() - top) / mm[1];
             cut.at(
                 (radius * angle.sin() - left) / mm[0],
-                (radius * angle.cos() - top) / mm[1],
+                if is_flipped { rows - row } else { row },
             )
         };
         Ok((
@@ -268,6 +291,44 @@ impl Preparation {
             mm,
         ))
     }
+}
+
+/// Angles and radii of the largest sector within a rectangle below its apex, lengths in those of the rectangle; `None`
+/// if there is none. The largest has the most area over its perimeter: slender ones are of no use as exemplars.
+fn largest_sector([left, right]: [f64; 2], [top, bottom]: [f64; 2]) -> Option<[[f64; 2]; 2]> {
+    // Radii between which all angles lie within the rectangle.
+    let radii = |[least, largest]: [f64; 2]| {
+        let (mut near, mut far) = (top / least.cos().min(largest.cos()), bottom);
+        if least > 0.0 || largest < 0.0 {
+            far = bottom / least.cos().max(largest.cos());
+        }
+        // A side on its own side of the apex binds at the far end, one beyond it at the near end.
+        for (side, angle, outwards) in [(left, least, -1.0), (right, largest, 1.0)] {
+            let limit = side / angle.sin();
+            if angle * outwards > 0.0 {
+                far = far.min(limit);
+            } else if side * outwards < 0.0 {
+                near = near.max(limit);
+            }
+        }
+        [near, far]
+    };
+    let bound = |side: f64| side.atan2(if side < 0.0 { top } else { bottom });
+    let (lowest, highest) = (bound(left), -bound(-right));
+    let angle = |step: usize| lowest + (highest - lowest) * step as f64 / ANGLES as f64;
+    let mut best = (0.0, None);
+    for least in 0..ANGLES {
+        for largest in least + 1..=ANGLES {
+            let angles = [angle(least), angle(largest)];
+            let [near, far] = radii(angles);
+            let (width, height) = ((angles[1] - angles[0]) * (near + far) / 2.0, far - near);
+            let size = width * height / (width + height);
+            if height > 0.0 && size > best.0 {
+                best = (size, Some([angles, [near, far]]));
+            }
+        }
+    }
+    best.1
 }
 
 /// Grey levels of a region; the error says why it has no texture.

@@ -249,8 +249,68 @@ fn sectors_are_resampled_along_their_scanlines() {
             .prepare(&picture(&rings), &below)
             .unwrap_err()
             .to_string()
-            .contains("not above the region")
+            .contains("lies in the rows of the region")
     );
+    // The same array at the bottom of the picture.
+    let upside_down = Image {
+        size: [300, 300],
+        values: rings.values.chunks(300).rev().flatten().copied().collect(),
+    };
+    let sector = Region {
+        window: [50, 299 - (60 + 219), 200, 220],
+        apex_px: Some([apex[0], 299.0 - apex[1]]),
+    };
+    let flipped = preparation.prepare(&picture(&upside_down), &sector).unwrap();
+    assert_eq!(flipped.exemplar.size, prepared.exemplar.size);
+    let pairs = flipped.exemplar.values.iter().zip(&prepared.exemplar.values);
+    assert!(pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-3);
+}
+
+/// A region beside the apex, and one below it, against a search of twice as many angles in another program.
+#[test]
+fn the_largest_sector_of_a_region_is_taken() {
+    for (sides, angles_deg, radii) in [
+        ([[78.5, 146.5], [138.6, 253.6]], [21.8, 32.5], [211.7, 272.9]),
+        ([[-75.0, 74.0], [120.0, 319.0]], [-13.6, 13.4], [123.4, 319.0]),
+    ] {
+        let [angles, found_radii] = largest_sector(sides[0], sides[1]).unwrap();
+        for (found, expected) in angles.map(f64::to_degrees).into_iter().zip(angles_deg) {
+            assert!((found - expected).abs() < 0.4, "{angles:?}");
+        }
+        for (found, expected) in found_radii.into_iter().zip(radii) {
+            assert!((found - expected).abs() < 2.5, "{found_radii:?}");
+        }
+    }
+    assert_eq!(largest_sector([50.0, 50.0], [10.0, 60.0]), None);
+}
+
+#[test]
+fn a_dark_corner_and_a_bright_spot_are_told_and_even_tissue_is_not() {
+    for stream in 20..23 {
+        for sigma in [1.0, 1.5] {
+            let even = noise([160, 160], [sigma; 2], stream).map(|value| 5.0 * value);
+            let judged = |change: &dyn Fn(f64, f64) -> f64| {
+                let values = even.values.iter().enumerate();
+                let changed = values.map(|(pixel, value)| value + change((pixel % 160) as f64, (pixel / 160) as f64));
+                let image = Image {
+                    size: even.size,
+                    values: changed.collect(),
+                };
+                let prepared = PREPARATION.prepare(&picture(&image), &region([160, 160])).unwrap();
+                prepared.uneven()
+            };
+            assert_eq!(judged(&|_, _| 0.0), None, "{stream} {sigma}");
+            assert_eq!(judged(&|x, _| 0.1 * x), None, "a slope is gain: {stream} {sigma}");
+            let ([column, row], db) = judged(&|x, y| if x.hypot(y) < 40.0 { -25.0 } else { 0.0 }).expect("a corner");
+            assert!(db < -5.0 && column < 0.3 && row < 0.3, "{column} {row} {db}");
+            let spot = |x: f64, y: f64| if (x - 100.0).hypot(y - 60.0) < 12.0 { 25.0 } else { 0.0 };
+            let ([column, row], db) = judged(&spot).expect("a spot");
+            assert!(
+                db > 5.0 && (column - 0.63).abs() < 0.1 && (row - 0.38).abs() < 0.1,
+                "{column} {row} {db}"
+            );
+        }
+    }
 }
 
 #[test]
