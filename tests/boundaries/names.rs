@@ -164,8 +164,13 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/scene/doubts.rs",
-        &["shadow"],
-        "frames deeper than sound carries by the mean loss in soft tissue are doubted",
+        &["shadow", "slice"],
+        "frames deeper than sound carries, and bone that smooth boundaries lose, are doubted",
+    ),
+    (
+        "imaging/scene/resolve.rs",
+        &["slice"],
+        "whether boundaries are smooth is asked before labels are searched for bone that they lose",
     ),
     (
         "imaging/rf/scatterers.rs",

@@ -320,7 +320,7 @@ fn materials_are_fitted_to_points() {
         ("stretch,stress_kpa\n0.9,-1\n0.8,none\n", ["bad.csv, line 3", "`none`"]),
         ("stretch,stress_kpa\n0.9,-1\n", ["bad.csv", "at least 3"]),
         ("0.9,1\n0.8,2\n0.7,3\n", ["bad.csv", "wrong sign"]),
-        ("strain;stress\n", ["bad.csv, line 1", "1 columns"]),
+        ("strain;stress\n", ["bad.csv, line 1", "semicolons"]),
     ] {
         bench.write("bad.csv", text);
         bench.run("beam fit bad.csv --json -o bad.svg").fails(2, &words);
