@@ -79,7 +79,7 @@ pub fn line(text: &[u8], position: Option<&csv::Position>) -> u64 {
     position.line() + before.count() as u64
 }
 
-/// What is between the cells of a header in place of commas; `None` for any other header.
+/// Returns the name of the separator that a header has in place of commas; `None` for any other header.
 pub fn other_separator(header: &StringRecord) -> Option<&'static str> {
     let separators = [(';', "semicolons"), ('\t', "tabs")];
     let (_, name) = separators.into_iter().find(|(mark, _)| {

@@ -12,7 +12,6 @@ use insonify_imaging::overview::overview;
 use insonify_imaging::synth::FrameState;
 use insonify_mesh::file::Unit;
 use insonify_study::path::{Entry, FILES, Goal, PathOptions, plan, resolved};
-
 use insonify_tracking::world::World;
 
 use super::backend::BackendArgs;
@@ -205,13 +204,13 @@ impl PathArgs {
     }
 }
 
-/// Whether a name is that of a file of points of 3D Slicer.
+/// Returns whether a name is that of a file of points of 3D Slicer.
 fn is_points(name: &str) -> bool {
     let name = name.to_ascii_lowercase();
     [".fcsv", ".mrk.json"].iter().any(|ending| name.ends_with(ending))
 }
 
-/// The only point of a file of 3D Slicer, LPS, mm.
+/// Reads the only point of a file of 3D Slicer, LPS, mm.
 fn point_in(path: &Path) -> Result<[f64; 3], Error> {
     let read = surface::read(path, Unit::Mm)?;
     let [point] = read.points[..] else {

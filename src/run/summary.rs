@@ -56,7 +56,7 @@ pub struct Summary {
     pub misplacement: Option<Misplacement>,
     /// Closest approach to each target.
     pub targets: Vec<Reached>,
-    /// How near the probe came to the images of the planning study; absent without one.
+    /// Nearest matches of the images of the planning study; absent without one.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub images: Vec<ImageMatch>,
     /// Displacement of each reported point: its extremes over the frames of the run; absent without any.

@@ -28,7 +28,8 @@ const FWHM: f64 = 2.354_820_045;
 const ANGLES: usize = 400;
 /// Blocks along each side of an exemplar, whose means are compared.
 const BLOCKS: usize = 6;
-/// Distance of a block's mean from the median of all at which tissue is uneven: in median distances, and at least in dB.
+/// Difference of a block's mean from the median of all from which tissue is uneven: in median differences, and at least
+/// in dB.
 const UNEVEN: [f64; 2] = [6.0, 2.0];
 /// Largest lag of autocorrelations, voxels.
 const MAX_LAG: usize = 32;

@@ -84,7 +84,7 @@ pub(crate) fn in_folder(folder: &Path) -> Option<VolumeError> {
     })
 }
 
-/// Whether files with these first bytes are read as labels.
+/// Returns whether files with these first bytes are read as labels.
 fn is_read(start: &[u8]) -> bool {
     #[cfg(feature = "dicom")]
     if super::dicom::recognises(start) {

@@ -79,7 +79,7 @@ pub(super) fn warnings(tables: &Tables, probe_to_world: &Matrix4<f64>, outside_w
     warnings
 }
 
-/// Share of the field of view, by area, that shows a label.
+/// Returns the share of the field of view, by area, that shows a label.
 pub(super) fn share(tables: &Tables, probe_to_world: &Matrix4<f64>, wanted: u8) -> f64 {
     let volume = &tables.anatomy.volume;
     let (mut shown, mut all) = (0.0, 0.0);

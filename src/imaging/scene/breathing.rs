@@ -57,7 +57,7 @@ impl BreathingSpec {
 pub(super) struct Inspired {
     /// Displacement of each node, mm.
     pub displacements: Nodes,
-    /// What differs from what was stated.
+    /// Notes on travels that differ from those stated.
     pub notes: Vec<String>,
     /// Organs that are stated and are not in the volume.
     pub absent: Vec<String>,

@@ -131,7 +131,8 @@ impl Course {
 }
 
 impl Deformation {
-    /// Times of the first and last change of a deformation, s, and those of a breath, or else a beat; `None` of what does not move.
+    /// Returns the times of the first and last change of a deformation, s, and the times of one breath, or of one beat
+    /// without breathing; `None` where there is no such motion.
     pub(super) fn spans_s(&self) -> [Option<[f64; 2]>; 2] {
         let mut spans = [None; 2];
         for motion in &self.motions {

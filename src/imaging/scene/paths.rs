@@ -67,15 +67,15 @@ parameters! {
     pub struct PulseSpec {
         /// Beats per minute.
         rate_per_min: f64 = 70.0, in 20..=250 "per minute";
-        /// How far walls of arteries move outwards, mm (0 to 5), by the name of a label, a tissue, or a part of one such
-        /// as `carotid`. Default: labels named aorta, artery or carotid by 9 % of their radius.
+        /// Displacement of the walls of arteries outwards, mm (0 to 5), by the name of a label, a tissue, or a part of one
+        /// such as `carotid`. Default: labels named aorta, artery or carotid by 9 % of their radius.
         #[serde(skip_serializing_if = "Option::is_none")]
         radial_mm: Option<BTreeMap<String, f64>>;
     }
 }
 
 impl MotionSpec {
-    /// Whether the patient moves.
+    /// Returns whether the patient breathes or has a pulse.
     pub(super) fn is_alive(&self) -> bool {
         self.breathing.is_some() || self.pulse.is_some()
     }

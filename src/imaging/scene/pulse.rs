@@ -58,7 +58,7 @@ impl PulseSpec {
 pub(super) struct Widened {
     /// Displacement of each node, mm.
     pub displacements: Nodes,
-    /// What widens.
+    /// Arteries that widen.
     pub arteries: Vec<Artery>,
     /// Arteries that are stated and are not in the volume.
     pub absent: Vec<String>,
@@ -234,7 +234,7 @@ fn from_wall(inside: &[bool], size: [usize; 3], spacing: [f64; 3]) -> Grid {
     distances
 }
 
-/// Value of a grid between its cells; beyond its ends that of the last one.
+/// Interpolates a grid between its cells; beyond its ends the value is that of the last cell.
 fn interpolated(grid: &Grid, cell: [f64; 3]) -> f64 {
     let [nx, ny, _] = grid.size;
     let ends = [0, 1, 2].map(|axis| {

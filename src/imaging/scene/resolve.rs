@@ -216,7 +216,7 @@ impl SceneFile {
             let start = spans.iter().map(|span| span[0]).reduce(f64::min).unwrap_or(0.0);
             spans.push(ramp.map(|time| start + time.max(0.0)));
         }
-        // Of what only breathes, one breath, or else one beat.
+        // Where nothing else moves, one breath is rendered, or one beat without breathing.
         if spans.is_empty() {
             spans.extend(breath);
         }

@@ -170,7 +170,8 @@ impl ScenarioFile {
     /// Images of the planning study.
     pub(crate) fn planning_study(&self, scene: &Scene) -> Result<PlanningStudy, InputError> {
         let specs = self.plan.as_ref().map_or(&[][..], |plan| &plan.image);
-        let Ok(grid) = BeamGrid::new(&scene.settings.probe) else {
+        let grid = BeamGrid::new(&scene.settings.probe);
+        let Some(grid) = grid.ok().filter(|_| !specs.is_empty()) else {
             return Ok(PlanningStudy::default());
         };
         let mut study = PlanningStudy::new(Vec::new(), &grid);
