@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use insonify::input::scenario::{self, Scenario, ScenarioFile};
 use insonify_base::document::{self, InputError, InvalidFile, Names, RegionName, Source, Version, nearest};
 use insonify_base::range::parameters;
+use insonify_mechanics::tissue::law::LawSpec;
 use insonify_mechanics::tissue::material::Material;
 
 /// Example case file with every key.
@@ -39,6 +40,9 @@ pub struct CaseFile {
     /// Quantity that is minimised. Default `points`.
     #[serde(default)]
     pub cost: Cost,
+    /// Law of the tissue whose displacements are compared; Young's moduli and Poisson's ratios are those at small strain.
+    /// Default: linear elasticity.
+    pub law: Option<LawSpec>,
     /// Weight W of the displacements measured in each region of the force, two regions a layer (0 or more, not all 0).
     /// Default 1 while a layer is punctured, 4 behind.
     pub weights: Option<Vec<f64>>,
@@ -130,6 +134,8 @@ pub struct IdentificationCase {
     pub poisson: Vec<Option<f64>>,
     /// Cost function.
     pub cost: Cost,
+    /// Law of the tissue; `None` if it is linear.
+    pub law: Option<LawSpec>,
 }
 
 /// A layer on the needle's line.
@@ -161,6 +167,10 @@ impl CaseFile {
                 let wrong = InvalidFile::number(*ratio, "0 to below 0.5");
                 return Err(self.fault(format!("poisson[{index}]"), wrong));
             }
+        }
+        if let Some(law) = &self.law {
+            law.law(layers[0].material)
+                .map_err(|error| self.fault(format!("law.{}", error.key), error))?;
         }
         let weights = self.weights.iter().flatten();
         if weights.clone().any(|weight| !(weight.is_finite() && *weight >= 0.0)) {
@@ -206,6 +216,7 @@ impl CaseFile {
             }),
             poisson,
             cost: self.cost,
+            law: self.law.clone().filter(|law| !matches!(law, LawSpec::Linear(_))),
             file: self,
         })
     }

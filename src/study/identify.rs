@@ -25,6 +25,7 @@ use data::{MeasuredMotion, Measurements, thinned};
 pub use force::Piecewise;
 use insonify::Error;
 use insonify_base::{parallel, statistics};
+use insonify_mechanics::tissue::law::LawSpec;
 pub use simulate::LayerParameters;
 use simulate::{SimulatedInsertion, Simulator};
 
@@ -63,6 +64,9 @@ pub struct Identification {
     pub offset_n: Option<f64>,
     /// Piecewise-linear model of the measured force.
     pub force_model: Piecewise,
+    /// Law of the tissue whose displacements are compared; `None` if it is linear.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub law: Option<LawSpec>,
     /// Result for each Poisson's ratio.
     #[serde(rename = "found")]
     pub results: Vec<Identified>,
@@ -150,6 +154,7 @@ pub fn identify(
     Ok(Identification {
         offset_n: data.offset_n,
         force_model: model,
+        law: case.law.clone(),
         results,
         data,
         case,
@@ -166,21 +171,7 @@ pub(super) fn identify_simulated(
     case: &IdentificationCase,
     points: Vec<(Point3<f64>, Vector3<f64>)>,
 ) -> Result<Identified, Error> {
-    let layer = |layer: &Crossed| {
-        let interaction = truth.scenario.anatomy.interaction(layer.region);
-        let material = truth.scenario.linear_material(layer.region).unwrap_or(layer.material);
-        LayerParameters {
-            region: layer.region,
-            region_name: layer.name.clone(),
-            young_kpa: material.young_kpa(),
-            young_known: true,
-            poisson: material.poisson(),
-            peak_n_per_mm: interaction.peak.map_or(0.0, |peak| peak.density_n_per_mm),
-            shaft_n_per_mm: interaction.friction_n_per_mm,
-            width_mm: interaction.peak.map_or(MIN_WIDTH_MM, |peak| peak.width_mm),
-        }
-    };
-    let layers: Vec<LayerParameters> = truth.layers.iter().map(layer).collect();
+    let layers = simulated_layers(truth);
     let mut motion = MeasuredMotion {
         points,
         depths_mm: (1..=20).map(|step| truth.deepest_mm * f64::from(step) / 20.0).collect(),
@@ -195,6 +186,25 @@ pub(super) fn identify_simulated(
     };
     let model = data.model(case)?;
     Search::new(case, &data, &model, None, &|| Ok(())).find()
+}
+
+/// Parameters that the scenario of a case states for its layers.
+fn simulated_layers(truth: &IdentificationCase) -> Vec<LayerParameters> {
+    let layer = |layer: &Crossed| {
+        let interaction = truth.scenario.anatomy.interaction(layer.region);
+        let material = truth.scenario.linear_material(layer.region).unwrap_or(layer.material);
+        LayerParameters {
+            region: layer.region,
+            region_name: layer.name.clone(),
+            young_kpa: material.young_kpa(),
+            young_known: true,
+            poisson: material.poisson(),
+            peak_n_per_mm: interaction.peak.map_or(0.0, |peak| peak.density_n_per_mm),
+            shaft_n_per_mm: interaction.friction_n_per_mm,
+            width_mm: interaction.peak.map_or(MIN_WIDTH_MM, |peak| peak.width_mm),
+        }
+    };
+    truth.layers.iter().map(layer).collect()
 }
 
 struct Search<'a> {

@@ -8,15 +8,22 @@ use serde::Serialize;
 use super::data::MeasuredMotion;
 use crate::identification::IdentificationCase;
 use insonify::Error;
-use insonify::input::scenario::Scenario;
+use insonify::input::scenario::{Scenario, TissueSetup};
 use insonify_mechanics::insertion::{Anatomy, Instruments, Interaction, Peak, Snapshot, Tissue};
+use insonify_mechanics::tissue::assembly::Stiffness;
+use insonify_mechanics::tissue::dofs::Dofs;
+use insonify_mechanics::tissue::law::{AnyLaw, LawSpec};
 use insonify_mechanics::tissue::material::Material;
-use insonify_mesh::{Locator, NO_ELEMENT};
+use insonify_mechanics::tissue::nonlinear::{Solid, Solver, SolverOptions, Supports, Target};
+use insonify_mesh::{Locator, NO_ELEMENT, TetMesh};
 
 /// Longest step of the needle, mm.
 const STEP_MM: f64 = 0.1;
 /// Way of the tip to the tissue before the first step, mm.
 const OUTSIDE_MM: f64 = 1.0;
+
+/// Residual force in tissue of another law, as a share of the largest.
+const FORCE_TOLERANCE: f64 = 1e-6;
 
 /// Parameters of a layer.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -47,7 +54,7 @@ pub(super) struct SimulatedInsertion {
     pub force: Vec<[f64; 2]>,
     /// Displacements as those measured, mm; empty if they were not asked for.
     pub moved_mm: Vec<Vec<f64>>,
-    /// Steps that did not converge.
+    /// Steps that did not converge, and shapes of tissue that were not found.
     pub unsettled: usize,
 }
 
@@ -129,6 +136,9 @@ impl<'a> Simulator<'a> {
             if measured.is_some() && observed {
                 model.snapshot(&mut snapshot);
                 imager.tissue(&snapshot, &mut tissue);
+                if let Some(law) = &self.case.law {
+                    course.unsettled += usize::from(!deform(&self.scenario, law, &mut tissue)?);
+                }
                 course.moved_mm.push(self.moved(&tissue)?);
             }
         }
@@ -182,4 +192,60 @@ impl<'a> Simulator<'a> {
         });
         Ok(displacements.collect())
     }
+}
+
+/// Deforms tissue of another law by the forces under which the linear tissue has its shape. Returns whether such a shape
+/// was found; otherwise it stays that of linear tissue.
+fn deform(scenario: &Scenario, law: &LawSpec, tissue: &mut Tissue) -> Result<bool, Error> {
+    let TissueSetup::FiniteElement(linear) = &scenario.tissue else {
+        return Ok(true);
+    };
+    let mesh = &scenario.mesh;
+    // Nodes at the needle were moved.
+    let mesh = TetMesh::new(
+        tissue.reference.clone(),
+        mesh.elements().to_vec(),
+        mesh.regions().to_vec(),
+    )?;
+    let pairs = tissue.reference.iter().zip(&tissue.current);
+    let displacement: Vec<[f64; 3]> = pairs
+        .map(|(from, to)| [0, 1, 2].map(|axis| to[axis] - from[axis]))
+        .collect();
+    let dofs = Dofs::new(mesh.nodes().len(), linear.fixed.iter().copied());
+    let forces = Stiffness::assemble(&mesh, &linear.materials, &dofs)?.nodal_forces(&displacement);
+    let laws: Vec<AnyLaw> = linear
+        .materials
+        .iter()
+        .map(|material| law.law(*material))
+        .collect::<Result<_, _>>()?;
+    let body = Arc::new(Solid::tetrahedra(&mesh, &laws)?);
+    let supports = Supports::new(mesh.nodes().len(), linear.fixed.iter().copied());
+    let options = SolverOptions {
+        tolerance: FORCE_TOLERANCE,
+        ..SolverOptions::default()
+    };
+    let prescribed = vec![0.0; supports.prescribed().len()];
+    // Large loads may need to be put on in parts.
+    for parts in [1, 4, 16] {
+        let mut solver = Solver::new(Arc::clone(&body), supports.clone(), options)?;
+        let is_solved = (1..=parts).all(|part| {
+            let share = f64::from(part) / f64::from(parts);
+            let loads: Vec<f64> = forces.iter().flatten().map(|force_n| force_n * share).collect();
+            let target = Target {
+                loads: &loads,
+                prescribed: &prescribed,
+                contact: None,
+                offset: None,
+            };
+            solver.step(&target).is_ok()
+        });
+        if is_solved {
+            let moved = solver.displacement().chunks_exact(3);
+            for ((current, from), by_mm) in tissue.current.iter_mut().zip(&tissue.reference).zip(moved) {
+                *current = [0, 1, 2].map(|axis| from[axis] + by_mm[axis]);
+            }
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }

@@ -4,10 +4,11 @@ use std::fmt::Write as _;
 use std::ops::ControlFlow;
 use std::path::Path;
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
-use super::data::Measurements;
-use super::{Identification, Identified, identify};
+use super::data::{MeasuredMotion, Measurements};
+use super::simulate::Simulator;
+use super::{Identification, Identified, identify, identify_simulated, simulated_layers};
 use crate::identification::CaseFile;
 use insonify::input::scenario::ScenarioFile;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
@@ -340,4 +341,78 @@ fn an_offset_of_the_load_cell_is_taken_off() {
             .any(|note| note.contains("an offset of the load cell is not known")),
         "{notes:?}"
     );
+}
+
+/// A case of the phantom with a share of its force densities, and starts of the moduli.
+fn case_of(folder: &Path, share: f64, law: &str, moduli_kpa: [f64; 2]) -> crate::identification::IdentificationCase {
+    let mut scenario = PHANTOM.to_owned();
+    for density in [0.06, 0.11, 0.015, 0.03] {
+        let scaled = format!("n_per_mm = {}", density * share);
+        scenario = scenario.replace(&format!("n_per_mm = {density}\n"), &format!("{scaled}\n"));
+        scenario = scenario.replace(&format!("n_per_mm = {density},"), &format!("{scaled},"));
+    }
+    std::fs::write(folder.join("scaled.toml"), scenario).unwrap();
+    let layer = |region: &str, young_kpa: f64| format!("[[layer]]\nregion = \"{region}\"\nyoung_kpa = {young_kpa}\n");
+    let [top, inclusion] = moduli_kpa;
+    let text = format!(
+        "scenario = \"scaled.toml\"\nforce.file = \"force.csv\"\nmotion.file = \"u.csv\"\n{law}{}{}",
+        layer("top", top),
+        layer("inclusion", inclusion)
+    );
+    let case = CaseFile::parse(&text, "case.toml").unwrap();
+    case.resolve(folder, &mut |_| {}).unwrap()
+}
+
+/// Points of the image plane, 5 mm beside the needle, with the direction along it.
+fn points() -> Vec<(Point3<f64>, Vector3<f64>)> {
+    let steps = (-2..=2).flat_map(|x| (-8..=1).map(move |z| [5.0 * f64::from(x), 5.0 * f64::from(z)]));
+    let points = steps.filter(|[x, _]| x.abs() > 3.0);
+    points.map(|[x, z]| (Point3::new(x, 0.0, z), Vector3::z())).collect()
+}
+
+const NEO_HOOKEAN: &str = "law.kind = \"neo-hookean\"\n";
+
+/// Displacements of tissue of a law over those of linear tissue, at the last depth: the largest relative difference.
+#[test]
+fn under_small_forces_tissue_of_a_law_moves_as_linear_tissue() {
+    let folder = tempfile::tempdir().unwrap();
+    let differences = [1e-3, 1.0].map(|share| {
+        let moved = ["", NEO_HOOKEAN].map(|law| {
+            let case = case_of(folder.path(), share, law, [10.0, 33.0]);
+            let motion = MeasuredMotion {
+                points: points(),
+                depths_mm: vec![40.0],
+                measured_mm: Vec::new(),
+            };
+            let layers = simulated_layers(&case);
+            let course = Simulator::new(&case, Some(&motion), 40.0).run(&layers, true).unwrap();
+            assert_eq!(course.unsettled, 0);
+            course.moved_mm[0].clone()
+        });
+        let [linear, other] = moved;
+        let largest = |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+        let apart: Vec<f64> = linear.iter().zip(&other).map(|(a, b)| a - b).collect();
+        largest(&apart) / largest(&linear)
+    });
+    assert!(differences[0] < 1e-4 && differences[1] > 0.01, "{differences:?}");
+}
+
+#[test]
+fn moduli_of_neo_hookean_tissue_return() {
+    let folder = tempfile::tempdir().unwrap();
+    let truth = case_of(folder.path(), 1.0, NEO_HOOKEAN, [10.0, 33.0]);
+    let found = ["", NEO_HOOKEAN].map(|law| {
+        let case = case_of(folder.path(), 1.0, law, [14.0, 22.0]);
+        identify_simulated(&truth, &case, points()).unwrap()
+    });
+    let moduli = found
+        .each_ref()
+        .map(|found| [0, 1].map(|layer| found.layers[layer].young_kpa));
+    for (young_kpa, exact) in moduli[1].into_iter().zip([10.0, 33.0]) {
+        assert!((young_kpa / exact - 1.0).abs() < 0.01, "{moduli:?}");
+    }
+    assert_forces(&found[1]);
+    // Linear tissue that moves as much is of another modulus.
+    let [top, inclusion] = moduli[0];
+    assert!(top > 1.008 * 10.0 && inclusion > 1.012 * 33.0, "{moduli:?}");
 }
