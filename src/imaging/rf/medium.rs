@@ -78,6 +78,18 @@ impl Medium {
         parallel::map(0..count, &scatterer)
     }
 
+    /// Echoes of beads in the image plane, at places beyond the array and from the first line (mm), without noise.
+    pub fn beads(&self, places_mm: &[[f64; 2]], amplitude: f32) -> Vec<f32> {
+        let bead = |[z, x]: &[f64; 2]| Scatterer {
+            line: (x / PITCH_MM) as f32,
+            sample: z / self.acquisition.sample_mm(),
+            amplitude,
+            sigma: LATERAL as f32,
+        };
+        let mut beads: Vec<Scatterer> = places_mm.iter().map(bead).collect();
+        echoes(&mut beads, &Pulse::new(&self.acquisition), self.lines, self.samples)
+    }
+
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
     pub fn frame(&self, noise: i32, moved: impl Fn(f64) -> [f64; 2] + Sync) -> Vec<f32> {
         self.frame_in_plane(noise, |z, _| moved(z))

@@ -1,6 +1,7 @@
 //! Motion from radio-frequency echoes: error and cost by window length, upsampling and use of prior estimates. Echoes
 //! are those of a uniform medium whose motion is known.
 
+mod beads;
 mod insertion;
 #[cfg(test)]
 mod tests;
