@@ -17,7 +17,7 @@ use crate::input::scenario::Scenario;
 use crate::input::scenario::guidance::{Guidance, Guide};
 use crate::input::scenario::reported_points::{Displaced, Points};
 use insonify_imaging::synth::{FrameState, NeedleShaft};
-use insonify_mechanics::insertion::{Model, NodeSolver, Outcome, ShaftLoad, Snapshot, StepError, Tissue};
+use insonify_mechanics::insertion::{Model, NodeSolver, Outcome, ShaftLoad, Snapshot, StepCost, StepError, Tissue};
 use insonify_mechanics::needle::CentreLine;
 use material_points::MaterialPoints;
 use summary::{Summary, Tally};
@@ -47,6 +47,22 @@ pub struct Step<'a> {
     pub guidance: Guidance,
     /// Duration of the step, ms.
     pub ms: f64,
+    /// CPU time of the calling thread in the step, ms; `None` where the system does not state it. Wall time also counts
+    /// what other programs take.
+    pub cpu_ms: Option<f64>,
+    /// Wall time of the step by kind of work; `None` for models that do not measure it.
+    pub cost: Option<&'a StepCost>,
+}
+
+/// Returns the CPU time of this thread, ms.
+fn thread_cpu_ms() -> Option<f64> {
+    #[cfg(unix)]
+    {
+        let time = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
+        Some(time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
+    }
+    #[cfg(not(unix))]
+    None
 }
 
 /// A moment at which an image is due.
@@ -266,9 +282,10 @@ pub fn run<O: Observer>(
             tally.change(number, &model.set_level(*level)?);
         }
         let instruments = scenario.instruments(number);
-        let start = Instant::now();
+        let (start, cpu_start) = (Instant::now(), thread_cpu_ms());
         model.step(&instruments, timing.dt_s)?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
+        let cpu_ms = thread_cpu_ms().zip(cpu_start).map(|(end, start)| end - start);
         let step = Step {
             number,
             time_s: number as f64 * timing.dt_s,
@@ -278,6 +295,8 @@ pub fn run<O: Observer>(
             driven: contact.and_then(|contact| contact.driven(instruments.probe.as_ref(), model.outcome())),
             guidance: guide.at(model, &instruments.base, &scenario.probe(number)),
             ms,
+            cpu_ms,
+            cost: model.cost(),
         };
         tally.add(&step);
         observer.step(&step)?;

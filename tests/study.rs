@@ -3,5 +3,6 @@
 
 mod doors;
 mod parameters;
+mod pops;
 mod stability;
 mod statics;

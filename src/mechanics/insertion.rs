@@ -4,6 +4,7 @@
 //! finite element model, a mass-spring model, or a model of tissue that stiffens and creeps; all of them return the
 //! same outcome and snapshots.
 
+mod cost;
 pub mod finite;
 mod imager;
 mod interaction;
@@ -19,6 +20,7 @@ use nalgebra::{Isometry3, Point3, Unit, Vector3};
 
 use super::needle::CentreLine;
 use super::tissue::remesh::Level;
+pub use cost::{StepCost, Work};
 use insonify_base::blame::Blame;
 pub use interaction::{Anatomy, Bone, Interaction, MeshRegions, Peak};
 pub use outcome::{Event, EventKind, Outcome, Wrench};
@@ -254,6 +256,11 @@ pub trait Model: Send {
 
     /// Returns the last outcome.
     fn outcome(&self) -> &Outcome;
+
+    /// Returns what the last step spent its wall time on; `None` for a model that does not measure it.
+    fn cost(&self) -> Option<&StepCost> {
+        None
+    }
 
     /// Returns the direction of the needle at its tip; `None` for a model without a needle of its own.
     fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {

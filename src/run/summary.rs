@@ -1,5 +1,6 @@
 //! Summary of a run.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use nalgebra::{Point3, Vector3};
@@ -10,10 +11,15 @@ use crate::input::scenario::Scenario;
 use crate::input::scenario::planning_study::{ImageMatch, Nearest};
 use crate::input::scenario::reported_points::{Displaced, Extremes};
 use insonify_base::statistics::{Times, mean, std};
-use insonify_mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue};
+use insonify_mechanics::insertion::{EventKind, LevelChange, Snapshot, Tissue, Work};
 
 /// Maximum number of events kept: a run that never converges reports one per step.
 const MAX_EVENTS: usize = 10_000;
+
+/// Number of longest steps that are kept.
+const LONGEST: usize = 10;
+/// Dent of a surface before its puncture above which it is told, mm.
+const MAX_DENT_MM: f64 = 10.0;
 
 /// Summary of a run, as `insonify insert --json` prints it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
@@ -36,6 +42,8 @@ pub struct Summary {
     pub tip_deflection_mm: f64,
     /// Largest depth of the tip, mm.
     pub max_inserted_mm: f64,
+    /// Largest distance by which the tip went on from the touch of a surface to its puncture, mm.
+    pub max_dent_mm: f64,
     /// Number of nodes moved to the tip or back.
     pub remeshes: u64,
     /// Number of steps that did not converge.
@@ -78,21 +86,115 @@ pub struct CriticalMet {
     pub clearance_mm: f64,
 }
 
-/// Distribution of step times, ms; percentiles to within 0.6 %.
+/// Distribution of times, ms; percentiles to within 0.6 %.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
-pub struct StepMs {
+pub struct Distribution {
     /// Median.
     pub median: f64,
     /// 95th percentile.
     pub p95: f64,
     /// 99th percentile.
     pub p99: f64,
+    /// 99.9th percentile.
+    pub p999: f64,
     /// Maximum.
     pub max: f64,
-    /// Median of steps that remesh; `None` if there are none.
+}
+
+impl Distribution {
+    fn new(times: &Times) -> Self {
+        let rank = |share| times.percentile(share).unwrap_or(0.0);
+        Distribution {
+            median: rank(0.5),
+            p95: rank(0.95),
+            p99: rank(0.99),
+            p999: rank(0.999),
+            max: rank(1.0),
+        }
+    }
+}
+
+/// Times of steps, ms.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct StepMs {
+    /// Wall time.
+    #[serde(flatten)]
+    pub wall: Distribution,
+    /// Median wall time of steps that remesh; `None` if there are none.
     pub remesh_median: Option<f64>,
-    /// Maximum of steps that remesh; `None` if there are none.
+    /// Maximum wall time of steps that remesh; `None` if there are none.
     pub remesh_max: Option<f64>,
+    /// CPU time of the thread that steps; `None` where the system does not state it.
+    pub cpu: Option<Distribution>,
+    /// The longest steps by CPU time (wall time where the system does not state that), the longest first: at most 10.
+    pub longest: Vec<LongStep>,
+}
+
+/// One of the longest steps.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct LongStep {
+    /// Number of the step, from 1 on.
+    pub step: u64,
+    /// Wall time, ms.
+    pub ms: f64,
+    /// CPU time, ms; `None` where the system does not state it.
+    pub cpu_ms: Option<f64>,
+    /// Number of nodes moved to the tip, or back.
+    pub remeshes: usize,
+    /// Number of iterations over contact states and needle shape.
+    pub iterations: usize,
+    /// Wall time by kind of work, ms; empty for models that do not measure it.
+    pub spent_ms: BTreeMap<&'static str, f64>,
+}
+
+impl LongStep {
+    fn new(step: &Step<'_>) -> Self {
+        let spent = step
+            .cost
+            .map(|cost| Work::ALL.map(|(work, name)| (name, cost.ms(work))));
+        LongStep {
+            step: step.number,
+            ms: step.ms,
+            cpu_ms: step.cpu_ms,
+            remeshes: step.outcome.remeshes,
+            iterations: step.outcome.iterations,
+            spent_ms: spent.into_iter().flatten().collect(),
+        }
+    }
+
+    fn length_ms(&self) -> f64 {
+        self.cpu_ms.unwrap_or(self.ms)
+    }
+}
+
+impl StepMs {
+    /// Keeps a step if it is among the longest.
+    fn rank(&mut self, step: &Step<'_>) {
+        let length_ms = step.cpu_ms.unwrap_or(step.ms);
+        let rank = self.longest.partition_point(|longer| longer.length_ms() >= length_ms);
+        if rank < LONGEST {
+            self.longest.truncate(LONGEST - 1);
+            self.longest.insert(rank, LongStep::new(step));
+        }
+    }
+
+    /// Returns the kinds of work with their shares of the time of the longest steps, the largest first.
+    pub fn shares_of_longest(&self) -> Vec<(&'static str, f64)> {
+        let sum_ms = |name: &str| {
+            self.longest
+                .iter()
+                .filter_map(|step| step.spent_ms.get(name))
+                .sum::<f64>()
+        };
+        let mut shares = Work::ALL.map(|(_, name)| (name, sum_ms(name))).to_vec();
+        let total_ms: f64 = shares.iter().map(|(_, ms)| ms).sum();
+        shares.retain_mut(|(_, ms)| {
+            *ms /= total_ms;
+            *ms > 0.0
+        });
+        shares.sort_by(|a, b| b.1.total_cmp(&a.1));
+        shares
+    }
 }
 
 /// A change of the level of remeshing.
@@ -227,12 +329,15 @@ pub struct Tally<'a> {
     scenario: &'a Scenario,
     ms: Times,
     remesh_ms: Times,
+    cpu_ms: Times,
     summary: Summary,
     /// Indices of the seeds taken by the model, among all seeds.
     taken_seeds: Vec<usize>,
     nearest_images: Vec<Nearest>,
     /// Whether the tip is in a critical structure.
     in_critical: bool,
+    /// The last region that was met, and where, mm.
+    touched: Option<(Option<i32>, Point3<f64>)>,
     unheard: u64,
 }
 
@@ -263,10 +368,12 @@ impl<'a> Tally<'a> {
             scenario,
             ms: Times::default(),
             remesh_ms: Times::default(),
+            cpu_ms: Times::default(),
             summary,
             taken_seeds: Vec::new(),
             nearest_images: Vec::new(),
             in_critical: false,
+            touched: None,
             unheard: 0,
         }
     }
@@ -275,6 +382,10 @@ impl<'a> Tally<'a> {
     pub fn add(&mut self, step: &Step<'_>) {
         let (summary, outcome) = (&mut self.summary, step.outcome);
         self.ms.add(step.ms);
+        if let Some(cpu_ms) = step.cpu_ms {
+            self.cpu_ms.add(cpu_ms);
+        }
+        summary.step_ms.rank(step);
         if outcome.remeshes > 0 {
             self.remesh_ms.add(step.ms);
         }
@@ -309,6 +420,18 @@ impl<'a> Tally<'a> {
         self.in_critical = is_inside;
         let probe = self.scenario.probe(step.number);
         self.scenario.study.look(step.time_s, &probe, &mut self.nearest_images);
+        for event in &outcome.events {
+            match event.kind {
+                EventKind::Skin | EventKind::Region => self.touched = Some((event.region, event.at_mm)),
+                EventKind::Puncture => {
+                    // Nonlinear tissue tells of a region within only as its surface breaks.
+                    let touched = self.touched.filter(|(region, _)| *region == event.region);
+                    let dent = touched.map_or(0.0, |(_, at_mm)| (event.at_mm - at_mm).norm());
+                    summary.max_dent_mm = summary.max_dent_mm.max(dent);
+                }
+                _ => {}
+            }
+        }
         self.seed(step);
         for event in &outcome.events {
             if self.summary.events.len() == MAX_EVENTS {
@@ -373,14 +496,12 @@ impl<'a> Tally<'a> {
 
     /// Completes the summary with the seeds in the last state of the run.
     pub fn finish(mut self, last: &Snapshot) -> Summary {
-        let rank = |share| self.ms.percentile(share).unwrap_or(0.0);
         self.summary.step_ms = StepMs {
-            median: rank(0.5),
-            p95: rank(0.95),
-            p99: rank(0.99),
-            max: rank(1.0),
+            wall: Distribution::new(&self.ms),
             remesh_median: self.remesh_ms.percentile(0.5),
             remesh_max: self.remesh_ms.percentile(1.0),
+            cpu: self.cpu_ms.percentile(1.0).map(|_| Distribution::new(&self.cpu_ms)),
+            longest: std::mem::take(&mut self.summary.step_ms.longest),
         };
         for (seed, position_mm) in self.taken_seeds.iter().zip(&last.seeds) {
             let seed = &mut self.summary.seeds[*seed];
@@ -414,6 +535,12 @@ impl<'a> Tally<'a> {
             let (unconverged, steps) = (summary.not_converged, summary.steps);
             summary.warnings.push(format!(
                 "{unconverged} of {steps} steps did not converge: their forces are approximate"
+            ));
+        }
+        if summary.max_dent_mm > MAX_DENT_MM {
+            summary.warnings.push(format!(
+                "a surface gave way by {:.1} mm before it broke: its `puncture_n` is large for tissue this soft",
+                summary.max_dent_mm
             ));
         }
         if let Some(inverted @ 1..) = summary.max_inverted_elements {

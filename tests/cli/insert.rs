@@ -63,9 +63,21 @@ fn a_run_leaves_steps_plots_page_and_summary() {
     assert_eq!(summary["steps"], 100);
     assert!(summary["max_base_force_n"].as_f64().expect("a force") > 0.0);
     assert!(summary["remeshes"].as_u64().expect("a count") > 0);
-    for key in ["median", "p95", "p99", "max", "remesh_median", "remesh_max"] {
+    for key in ["median", "p95", "p99", "p999", "max", "remesh_median", "remesh_max"] {
         assert!(summary["step_ms"][key].as_f64().expect(key) > 0.0, "{key}");
     }
+    let longest = summary["step_ms"]["longest"].as_array().expect("a list");
+    assert_eq!(longest.len(), 10);
+    let sum_ms = |times: Vec<&Value>| times.iter().map(|ms| ms.as_f64().expect("a time")).sum::<f64>();
+    let total_ms = sum_ms(longest.iter().map(|step| &step["ms"]).collect());
+    let spent = longest
+        .iter()
+        .flat_map(|step| step["spent_ms"].as_object().expect("work").values());
+    let spent_ms = sum_ms(spent.collect());
+    assert!(
+        spent_ms <= total_ms && spent_ms > 0.5 * total_ms,
+        "{spent_ms} of {total_ms} ms"
+    );
     let events = summary["events"].as_array().expect("a list");
     let kinds: Vec<_> = events
         .iter()

@@ -52,6 +52,8 @@ pub struct Remeshing {
     pub columns: ColumnsName,
     /// Minimum distance between nodes on the needle, mm.
     pub contact_spacing_mm: f64,
+    /// Radius of the patch of tissue that bears the force at the tip, mm.
+    pub patch_mm: f64,
 }
 
 impl ScenarioFile {
@@ -103,6 +105,7 @@ impl ScenarioFile {
             precision,
             columns,
             contact_spacing_mm: spec.contact_spacing_mm.unwrap_or(1.0),
+            patch_mm: spec.patch_mm.unwrap_or(5.0),
         })
     }
 
@@ -190,6 +193,7 @@ impl FiniteElement {
             options: FiniteOptions {
                 dense: self.remeshing.columns == ColumnsName::Dense,
                 spacing_mm: self.remeshing.contact_spacing_mm,
+                patch_mm: self.remeshing.patch_mm,
                 ..FiniteOptions::default()
             },
         };

@@ -7,6 +7,7 @@ use nalgebra::Point3;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_imaging::scene::Scene;
 use insonify_mechanics::insertion::{Anatomy, Interaction};
+use insonify_mechanics::tissue::material::Material;
 use insonify_tracking::trajectory::Trajectory;
 
 /// Distance between samples of a path, mm.
@@ -19,6 +20,8 @@ pub(crate) struct Labels {
     /// Region of each label; `None` for excluded labels.
     regions: Vec<Option<i32>>,
     interactions: BTreeMap<i32, Interaction>,
+    /// Plane-strain moduli of the regions, kPa.
+    moduli: BTreeMap<i32, f64>,
     /// Part of the volume that is meshed, mm.
     within: Option<[[f64; 3]; 2]>,
 }
@@ -42,8 +45,18 @@ impl Labels {
             regions: regions.collect(),
             volume: volume.clone(),
             interactions,
+            moduli: BTreeMap::new(),
             within,
         }
+    }
+
+    /// States the materials of the regions.
+    pub(crate) fn with_materials(mut self, materials: impl Iterator<Item = (i32, Material)>) -> Labels {
+        let modulus = |material: Material| material.young_kpa() / (1.0 - material.poisson().powi(2));
+        self.moduli = materials
+            .map(|(region, material)| (region, modulus(material)))
+            .collect();
+        self
     }
 }
 
@@ -63,6 +76,10 @@ impl Anatomy for Labels {
 
     fn interaction(&self, region: i32) -> Interaction {
         self.interactions.get(&region).copied().unwrap_or_default()
+    }
+
+    fn modulus_kpa(&self, region: i32) -> Option<f64> {
+        self.moduli.get(&region).copied()
     }
 }
 

@@ -53,6 +53,9 @@ parameters! {
         /// Minimum distance between nodes on the needle: a node of the mesh is moved to the tip when the tip has left
         /// all elements around the last such node and is at least this far from it. Default 1.
         contact_spacing_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
+        /// Radius of the patch of tissue that bears the force at the tip, which the tip dents as a rigid punch of this
+        /// radius would, in any mesh. Default 5.
+        patch_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
         /// Cylinder of masses and springs.
         cylinder: Option<MassSpringParameters>, for MassSpring;
         /// Solver for the steps.

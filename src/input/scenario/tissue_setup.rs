@@ -307,7 +307,12 @@ impl ScenarioFile {
                 let regions = MeshRegions::new(&mesh, &interactions);
                 Arc::new(regions.map_err(|error| self.fault(faulty_key(&error), error))?)
             }
-            None => Arc::new(Labels::new(regions.volume(), &interactions, self.tissue.box_mm)),
+            None => {
+                let materials = properties.iter();
+                let materials = materials.map(|(region, properties)| (*region, properties.material));
+                let labels = Labels::new(regions.volume(), &interactions, self.tissue.box_mm);
+                Arc::new(labels.with_materials(materials))
+            }
         };
         let fixed = self.fixed(&mesh, &regions, &properties, notes, warnings)?;
         let region_names = present.iter().map(|region| (*region, regions.name(*region))).collect();

@@ -31,7 +31,7 @@ use super::imager::MeshImager;
 use super::validation::{BASE, check_pose};
 use super::{
     Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
-    StepError, Wrench,
+    StepCost, StepError, Work, Wrench,
 };
 use crate::needle::CentreLine;
 use crate::tissue::remesh::{Adaptation, Level, Maker};
@@ -45,11 +45,16 @@ use probe::ProbeNodes;
 use settle::Attempt;
 use setup::Base;
 pub use setup::{FiniteOptions, Setup};
-use tip::Tip;
+use tip::{Tip, TipLimits};
 use tissue::Tissue;
 
 /// Advance of the base below which it counts as resting (rounding), mm.
 const STILL_MM: f64 = 1e-9;
+
+/// Maximum motion by which tissue springs back over the tip before its forces are settled again, mm.
+const SPRING_MM: f64 = 0.45;
+/// Maximum number of these motions in a substep.
+const MAX_SPRINGS: usize = 100;
 
 /// Finite element model of tissue with a needle in it.
 ///
@@ -116,6 +121,7 @@ struct Log {
     base: Option<Isometry3<f64>>,
     seeds: Vec<Point3<f64>>,
     outcome: Outcome,
+    cost: StepCost,
 }
 
 impl Log {
@@ -226,9 +232,16 @@ impl Finite {
 
     fn substep(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
         self.contacts.start();
-        self.tissue.press(probe);
+        let mut motion_mm = self.tissue.press(probe);
         let advance = self.needle.base.map_or(0.0, |before| advance(&before, base));
         let advance = if advance.abs() < STILL_MM { 0.0 } else { advance };
+        motion_mm += self
+            .needle
+            .base
+            .map_or(0.0, |before| farthest(&before, base, self.needle.length_mm()));
+        self.tip.dent.advance(advance);
+        self.log.cost.count(Work::Search);
+        self.contacts.approach(motion_mm);
         self.contacts.extrapolate(advance);
         self.settle(base);
         self.contacts.note_drift(advance);
@@ -239,18 +252,38 @@ impl Finite {
             self.settle(base);
         }
         let was_in_bone = self.tip.in_bone();
-        if self.advance(advance) {
-            self.settle(base);
-            // Only now do the forces across the shaft belong to the changed mesh.
-            if self.tip.cut_front.is_some() {
-                self.transfer();
+        if self.tip.is_broken() {
+            self.spring_back(base, advance);
+        } else {
+            self.tip.break_surface(&self.needle.line, &mut self.log);
+            if self.advance(advance, TipLimits::of(motion_mm)) {
+                self.settle(base);
             }
         }
         // Bone met in this substep.
-        if !was_in_bone && self.limit_depth_in_bone() {
+        if !was_in_bone && self.tip.in_bone() {
+            self.limit_depth_in_bone();
             self.settle(base);
         }
         self.contacts.stick_again();
+        self.log.cost.count(Work::Search);
+    }
+
+    /// Lets tissue whose surface has broken spring back over the tip, until the tip is held again.
+    fn spring_back(&mut self, base: &Isometry3<f64>, advance: f64) {
+        for _ in 0..MAX_SPRINGS {
+            let before = self.tip.reference;
+            self.tip.release_all(&self.needle.tip().tangent);
+            self.settle(base);
+            if self.advance(advance, TipLimits::springing(SPRING_MM)) {
+                self.settle(base);
+            }
+            if self.tip.surface.is_some() || (self.tip.reference - before).norm() < SPRING_MM / 8.0 {
+                break;
+            }
+        }
+        self.tip.spring_back_ends();
+        self.settle(base);
     }
 
     fn limit_depth_in_bone(&mut self) -> bool {
@@ -279,7 +312,7 @@ impl Finite {
         if let (Some(nodes), Some(probe)) = (&self.tissue.probe, probe) {
             let mut wrench = Wrench::default();
             let about = Point3::from(probe.translation.vector);
-            for (row, force) in self.joint.tissue.probe_forces(&contacts.forces) {
+            for (row, force) in self.joint.tissue.probe_forces(&self.tissue.loads) {
                 wrench.add(-row.direction * force, &nodes.place(row.contact), &about);
             }
             on_probe = Some(wrench);
@@ -295,7 +328,11 @@ impl Finite {
         outcome.tip_mm = tip;
         outcome.tip_at_rest_mm = self.tip.at_rest(&self.needle);
         outcome.tip_deflection_mm = (tip - self.unloaded.tip()).norm();
-        outcome.inserted_mm = (end - first_arc).max(self.tip.depth_without_node_mm(&self.needle));
+        outcome.inserted_mm = if self.tip.is_at_skin() {
+            0.0
+        } else {
+            (end - first_arc).max(self.tip.depth_without_node_mm(&self.needle))
+        };
         outcome.contacts = contacts.nodes.len();
         outcome.stuck = contacts
             .nodes
@@ -385,6 +422,7 @@ impl Model for Finite {
         self.log.time_s += dt_s;
         let was_crushed = self.tissue.crushed > 0;
         self.log.outcome.begin();
+        self.log.cost.start();
         (self.tissue.remeshes, self.tissue.crushed) = (0, 0);
         self.needle.guide = instruments.guide;
         let advance = self.log.base.map_or(0.0, |from| advance(&from, &instruments.base));
@@ -414,11 +452,16 @@ impl Model for Finite {
         if !log.outcome.converged {
             log.note(EventKind::NotConverged, tip, None);
         }
+        log.cost.count(Work::Rest);
         Ok(&self.log.outcome)
     }
 
     fn outcome(&self) -> &Outcome {
         &self.log.outcome
+    }
+
+    fn cost(&self) -> Option<&StepCost> {
+        Some(&self.log.cost)
     }
 
     fn tip_direction(&self) -> Option<Unit<Vector3<f64>>> {
@@ -431,8 +474,7 @@ impl Model for Finite {
         if line.nodes().is_empty() || self.needle.entry.is_none() {
             return;
         }
-        let cutting = self.tip.force.is_on_node().then(|| self.tip.cutting(&self.body));
-        contacts.shaft_loads(line, self.tip.end_in_tissue(contacts, line), cutting, into);
+        contacts.shaft_loads(line, self.tip.end_in_tissue(contacts, line), into);
         if let Some(tip) = into.last_mut() {
             tip.force_n += self.tip.bone_force(line);
         }

@@ -148,6 +148,12 @@ pub trait Anatomy: Send + Sync + Debug {
     /// Returns the interaction of a region with a needle. One that fails [`Interaction::check`] is replaced by the
     /// default.
     fn interaction(&self, region: i32) -> Interaction;
+
+    /// Returns the plane-strain modulus E/(1 - nu^2) of a region, kPa; `None`, the default, where that of the region's
+    /// elements holds.
+    fn modulus_kpa(&self, _region: i32) -> Option<f64> {
+        None
+    }
 }
 
 /// Least distance in the tissue at rest between two crossings of a boundary, mm: a tip that wanders along a boundary
@@ -169,6 +175,10 @@ impl<T: Anatomy + ?Sized> Anatomy for Arc<T> {
 
     fn interaction(&self, region: i32) -> Interaction {
         self.as_ref().interaction(region)
+    }
+
+    fn modulus_kpa(&self, region: i32) -> Option<f64> {
+        self.as_ref().modulus_kpa(region)
     }
 }
 

@@ -1,7 +1,7 @@
 //! Self-contained HTML report of a run.
 
 use super::film::Film;
-use crate::run::summary::Summary;
+use crate::run::summary::{Distribution, Summary};
 use insonify_base::output::OutputError;
 use insonify_base::table::Table;
 use insonify_base::text::escape;
@@ -58,6 +58,13 @@ fn frames(page: &mut Page, film: &Film) {
     page.slider(&shots);
 }
 
+fn distribution(ms: &Distribution) -> String {
+    format!(
+        "median {:.3} ms, 95 % {:.3}, 99 % {:.3}, 99.9 % {:.3}, longest {:.3}",
+        ms.median, ms.p95, ms.p99, ms.p999, ms.max
+    )
+}
+
 fn figures(summary: &Summary) -> Vec<[String; 2]> {
     let ms = &summary.step_ms;
     let remesh = ms.remesh_max.map_or("no step remeshed".to_owned(), |longest_ms| {
@@ -79,12 +86,10 @@ fn figures(summary: &Summary) -> Vec<[String; 2]> {
         ("Largest tip deflection", format!("{:.3} mm", summary.tip_deflection_mm)),
         ("Largest depth", format!("{:.2} mm", summary.max_inserted_mm)),
         ("Remeshes", summary.remeshes.to_string()),
+        ("Time of a step", distribution(&ms.wall)),
         (
-            "Time of a step",
-            format!(
-                "median {:.3} ms, 95 % {:.3}, 99 % {:.3}, longest {:.3}",
-                ms.median, ms.p95, ms.p99, ms.max
-            ),
+            "CPU time of a step",
+            ms.cpu.as_ref().map_or("not known".to_owned(), distribution),
         ),
         ("Longest step that remeshes", remesh),
     ];
@@ -184,6 +189,26 @@ fn tables(page: &mut Page, summary: &Summary) {
         "took, s",
     ];
     table(page, "Changes of level", heads, changes);
+    let longest = summary.step_ms.longest.iter().map(|step| {
+        let spent = step.spent_ms.iter().map(|(work, ms)| format!("{work} {ms:.3}"));
+        [
+            step.step.to_string(),
+            format!("{:.3}", step.ms),
+            step.cpu_ms.map_or("not known".to_owned(), |ms| format!("{ms:.3}")),
+            step.remeshes.to_string(),
+            step.iterations.to_string(),
+            spent.collect::<Vec<_>>().join(", "),
+        ]
+    });
+    let heads = [
+        "step",
+        "took, ms",
+        "CPU time, ms",
+        "remeshes",
+        "iterations",
+        "spent on, ms",
+    ];
+    table(page, "Longest steps", heads, longest);
     let events = summary
         .events
         .iter()

@@ -8,6 +8,7 @@
 //! |---|---|
 //! | `levels` | remeshing levels, with a probe moved sideways midway (Goksel et al. 2011, figures 13c, 14 and 15) |
 //! | `meshes` | number of mesh nodes |
+//! | `patch` | radius of the patch of tissue that bears the force at the tip, and meshes: dent before a puncture |
 //! | `thinning` | every n-th probe candidate |
 //! | `bevel` | bevels and meshes in a block of PVC: deflection against depth (Goksel et al. 2011, section VI-A) |
 //! | `pieces` | link lengths of an angular-spring needle, element lengths of a beam |
@@ -19,6 +20,7 @@ mod bevel;
 pub(crate) mod levels;
 mod masses;
 pub(crate) mod meshes;
+pub(crate) mod patch;
 pub(crate) mod pieces;
 pub(crate) mod thinning;
 
@@ -61,13 +63,16 @@ pub(crate) enum Part {
     Elements,
     /// Nodes of the mesh.
     Mesh,
+    /// Radius of the patch of tissue that bears the force at the tip.
+    Patch,
 }
 
 impl Part {
     /// All parts.
-    pub(crate) const ALL: [Part; 7] = [
+    pub(crate) const ALL: [Part; 8] = [
         Part::Levels,
         Part::Mesh,
+        Part::Patch,
         Part::Bevel,
         Part::Masses,
         Part::Thinning,
@@ -85,6 +90,7 @@ impl Part {
             Part::Links => pieces::LINKS.run(options, study, progress),
             Part::Elements => pieces::ELEMENTS.run(options, study, progress),
             Part::Mesh => meshes::run(options, study, progress),
+            Part::Patch => patch::run(options, study, progress),
         }
     }
 }
@@ -126,8 +132,9 @@ pub(crate) const ENTRY: Entry<InsertionOptions> = Entry {
         name: "insertion",
         title: "Needle insertion",
         question: "A needle is inserted and withdrawn while a probe presses: what are the step times and the errors of force and tip position? \
-                   Levels of remeshing, nodes of the mesh, links and elements of the needle, candidates of the probe, masses and springs.",
-        help: "Needle insertions: levels of remeshing, nodes of the mesh, bevels, masses and springs, candidates of the probe, links and elements of the needle",
+                   Levels of remeshing, nodes of the mesh, the patch that bears the tip, links and elements of the needle, candidates of the probe, masses \
+                   and springs.",
+        help: "Needle insertions: levels of remeshing, nodes of the mesh, the patch that bears the tip, bevels, masses and springs, candidates of the probe, links and elements of the needle",
         examples: "\
 Examples:
   insonify tradeoff insertion --quick                   a first look, in seconds

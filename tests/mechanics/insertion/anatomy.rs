@@ -107,7 +107,7 @@ fn layers_break_where_they_lie_at_any_mesh() {
             let shaft = 0.005 * before.inserted_mm;
             let felt = resistance(before).max(resistance(after));
             assert!(
-                felt > force - shaft && felt < force + shaft + 0.01,
+                (force - shaft..force + shaft + 0.01).contains(&felt),
                 "{felt} N of {force}, cells of {cell} mm"
             );
         }
@@ -347,6 +347,30 @@ fn changes_of_the_mesh_are_not_felt() {
     }
 }
 
+/// Softer tissue behind harder, in one mesh and another, thin or thick: its entry is no puncture.
+#[test]
+fn softer_tissue_is_no_puncture() {
+    let hard = Interaction { cutting_n: 2.0, ..FAT };
+    let layers = Layers(vec![(0.0, FAT), (12.0, hard), (13.5, FAT), (20.0, hard), (30.0, FAT)]);
+    for (cell, young_kpa) in [(6.0, 5.0), (12.0, 5.0), (8.0, 30.0)] {
+        let mut finite = carried(&layers, cell, young_kpa);
+        let steps = travel(&mut finite, -1.0, 65.0, 0.05);
+        let entered = surfaces(&steps)
+            .iter()
+            .filter(|(kind, _)| *kind == EventKind::Region)
+            .count();
+        let changes = steps
+            .windows(2)
+            .map(|pair| (resistance(&pair[1]) - resistance(&pair[0])).abs());
+        let most = changes.fold(0.0, f64::max);
+        let largest = steps.iter().map(resistance).fold(0.0, f64::max);
+        assert!(
+            entered == 4 && most < 0.1 && largest > 2.0,
+            "{cell} mm: {entered} regions, {most} of {largest} N"
+        );
+    }
+}
+
 /// A critical structure thinner than the distance between two crossings of a border is told, each time the needle
 /// enters it.
 #[test]
@@ -457,15 +481,18 @@ fn turning_back_after_a_change_of_the_mesh_is_smooth() {
     let cut = Interaction { cutting_n: 0.5, ..FAT };
     let layers = Layers(vec![(0.0, cut)]);
     let mut turned = 0;
-    for stop in 0..20 {
+    for stop in 0..5 {
         let mut finite = carried(&layers, 6.0, 5.0);
         let depth = 25.0 + 0.5 * f64::from(stop);
         let steps = travel(&mut finite, -1.0, depth, 0.05);
-        let before = resistance(steps.last().expect("steps"));
-        let back = go(&mut finite, depth - 0.01);
-        let after = resistance(&back);
-        assert!((after - before).abs() < 0.05, "{before} {after} N at {depth} mm");
-        turned += usize::from(back.remeshes > 0);
+        let mut before = resistance(steps.last().expect("steps"));
+        for step in 1..=700 {
+            let back = go(&mut finite, depth - 0.02 * f64::from(step));
+            let after = resistance(&back);
+            assert!((after - before).abs() < 0.05, "{before} {after} N at {depth} mm");
+            turned += usize::from(back.remeshes > 0);
+            before = after;
+        }
     }
     assert!(turned >= 1, "a node comes off at some of these depths");
 }
@@ -507,7 +534,8 @@ fn a_held_surface_is_felt() {
         .position(|step| step.events.iter().any(|event| event.kind == EventKind::Puncture));
     let broken = broken.expect("a puncture");
     let at = &steps[broken];
-    assert!((resistance(at) - 2.0).abs() < 0.01 && at.inserted_mm < 0.2, "{at:?}");
+    assert!((resistance(at) - 2.0).abs() < 0.01, "{at:?}");
+    assert_eq!(steps[broken - 1].inserted_mm, 0.0);
     // The tip cuts, and the shaft rubs once a node lies on it.
     assert!(steps[broken + 2..].iter().all(|step| resistance(step) > 0.09));
     let last = resistance(steps.last().expect("steps"));

@@ -97,13 +97,14 @@ fn bone_within_is_met_at_its_surface() {
 fn held_tissue_is_told_once() {
     let mut finite = build(layered([0.0, 80.0], USUAL));
     let inward = travel(&mut finite, -1.0, 25.0, 0.2);
-    assert_eq!(kinds(&inward), [EventKind::Skin, EventKind::NotRemeshed]);
+    let kinds_met = [EventKind::Skin, EventKind::NotRemeshed, EventKind::Puncture];
+    assert_eq!(kinds(&inward), kinds_met);
+    let mut is_in = false;
     for outcome in &inward {
         assert_finite(outcome);
-        assert!(
-            (outcome.inserted_mm - outcome.tip_mm.z.max(0.0)).abs() < 1e-9,
-            "{outcome:?}"
-        );
+        is_in |= outcome.events.iter().any(|event| event.kind == EventKind::Puncture);
+        let depth = if is_in { outcome.tip_mm.z } else { 0.0 };
+        assert!((outcome.inserted_mm - depth).abs() < 1e-9, "{outcome:?}");
     }
     let outward = travel(&mut finite, 25.0, -1.0, 0.2);
     assert_eq!(kinds(&outward), [EventKind::Out]);
@@ -145,7 +146,7 @@ fn the_first_step_is_travelled() {
         go(&mut finite, 90.0)
     };
     let found = through(true);
-    assert!(found.contacts > 3 && found.inserted_mm > 80.0, "{found:?}");
+    assert!(found.contacts > 3 && found.inserted_mm > 75.0, "{found:?}");
     let other = through(false);
     assert_eq!((found.on_hand, found.remeshes), (other.on_hand, other.remeshes));
     // One that begins in the tissue has been pushed in before.

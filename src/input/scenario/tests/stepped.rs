@@ -73,7 +73,7 @@ fn a_run_steps_from_start_to_end_and_tells_of_it() {
             .any(|warning| warning.starts_with("up to 7 elements"))
     );
     assert_eq!(summary.remeshes, 150);
-    assert!(summary.step_ms.remesh_max.is_some() && summary.step_ms.median <= summary.step_ms.max);
+    assert!(summary.step_ms.remesh_max.is_some() && summary.step_ms.wall.median <= summary.step_ms.wall.max);
     assert_eq!(summary.seeds.len(), 1);
     assert!((summary.seeds[0].time_s - 1.0).abs() < 1e-9 && summary.seeds[0].planned_mm.is_none());
     let deposited = summary.seeds[0].deposited_mm.expect("in tissue");

@@ -5,7 +5,7 @@
 //! the shaft: the sum over all contacts is the density over the embedded length in the deformed tissue. The cutting
 //! force acts at the tip.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 use serde::{Deserialize, Serialize};
 
 use crate::insertion::Anatomy;
@@ -29,6 +29,14 @@ pub(super) struct Contact {
     pub node: u32,
     /// Position in the reference state, mm.
     pub reference: Point3<f64>,
+    /// How far the line is beside the node, mm: after a change of the mesh the node lies elsewhere under the same force,
+    /// and approaches the line as the needle moves on.
+    #[serde(default)]
+    pub aside: Vector3<f64>,
+    /// How far the line is beside the node per force across it, mm/N: near the tip, where a needle that is withdrawn lets
+    /// the tissue go.
+    #[serde(default)]
+    pub softness_mm_per_n: f64,
     /// Arc length from the base, mm.
     pub arc: f64,
     pub slider: Slider,
@@ -179,6 +187,8 @@ mod tests {
         let mut contact = Contact {
             node: 0,
             reference: Point3::origin(),
+            aside: Vector3::zeros(),
+            softness_mm_per_n: 0.0,
             arc: 0.0,
             slider: Slider::new(State::Stuck),
             region: Some(1),
@@ -207,6 +217,8 @@ mod tests {
         Contact {
             node: 0,
             reference: Point3::origin(),
+            aside: Vector3::zeros(),
+            softness_mm_per_n: 0.0,
             arc,
             slider: Slider::new(State::Stuck),
             region: Some(1),

@@ -6,8 +6,15 @@ use super::body::CutTissue;
 use super::contact::{Contact, SAMPLE_MM, Slider, State};
 use super::joint::{Joint, MAX_RELEASED};
 use crate::insertion::ShaftLoad;
-use crate::needle::{CentreLine, ShaftPoint};
+use crate::needle::CentreLine;
 
+/// Motion of the instruments in which a node that lies beside the line comes nearer by a factor of e, mm.
+const APPROACH_MM: f64 = 5.0;
+/// Distance from the tip from which on a node is held across the shaft without yielding, mm, and way that the needle is
+/// withdrawn until others yield.
+pub(super) const HELD_MM: f64 = 1.0;
+/// Least such distance that counts, mm.
+const LEAST_HELD_MM: f64 = 1e-3;
 /// Force below which a released load is dropped, N.
 const FADED_N: f64 = 1e-12;
 
@@ -35,6 +42,22 @@ impl Contacts {
     pub(super) fn start(&mut self) {
         self.starts.clear();
         self.starts.extend(self.nodes.iter().map(|contact| contact.arc));
+    }
+
+    /// Lets nodes approach the line after a motion (mm) of the instruments.
+    pub(super) fn approach(&mut self, motion_mm: f64) {
+        let share = (-motion_mm / APPROACH_MM).exp();
+        self.nodes.iter_mut().for_each(|contact| contact.aside *= share);
+    }
+
+    /// Softens the nodes near the tip (at arc `tip`, mm) of a needle that was withdrawn by `withdrawn_mm` since it last
+    /// advanced, by the compliance of the tissue there (mm/N), so that none is released with a force.
+    pub(super) fn soften(&mut self, tip: f64, withdrawn_mm: f64, compliance_mm_per_n: f64) {
+        let compliance = compliance_mm_per_n * (withdrawn_mm / HELD_MM).powi(2);
+        for contact in &mut self.nodes {
+            let distance_mm = (tip - contact.arc).clamp(LEAST_HELD_MM, HELD_MM);
+            contact.softness_mm_per_n = compliance * (HELD_MM / distance_mm - 1.0).powi(2);
+        }
     }
 
     /// Extrapolates the sliding of nodes that slip: a warm start that saves iterations.
@@ -115,6 +138,8 @@ impl Contacts {
         self.nodes.push(Contact {
             node,
             reference,
+            aside: Vector3::zeros(),
+            softness_mm_per_n: 0.0,
             arc,
             slider: Slider::new(state),
             region,
@@ -124,16 +149,18 @@ impl Contacts {
         self.starts.push(arc);
     }
 
-    /// Removes the last node if it lies beyond an arc (mm), and returns it with its force. A flexible needle still lies
-    /// under that force, which fades as a solution without it is found.
-    pub(crate) fn release_beyond(&mut self, arc: f64, is_flexible: bool) -> Option<(u32, Vector3<f64>)> {
+    /// Removes the last node if it lies beyond an arc (mm), and returns it. A flexible needle still lies under its
+    /// force, which fades as a solution without it is found.
+    pub(crate) fn release_beyond(&mut self, arc: f64, is_flexible: bool) -> Option<u32> {
         let contact = self.nodes.pop_if(|contact| contact.arc > arc)?;
         let force = self.forces.remove(self.nodes.len());
-        if is_flexible {
+        if let Some(last) = self.forces[..self.nodes.len()].last_mut() {
+            *last += force;
+        } else if is_flexible {
             self.fade(contact.arc, force);
         }
         self.starts.pop();
-        Some((contact.node, force))
+        Some(contact.node)
     }
 
     fn fade(&mut self, arc: f64, force: Vector3<f64>) {
@@ -155,17 +182,9 @@ impl Contacts {
         }
     }
 
-    /// Passes the cutting force (N) from the node before the last to the last, which was made at the tip.
-    pub(crate) fn pass_cutting_on(&mut self, tip: &ShaftPoint, cutting: f64) {
-        if let [.., before, last] = &mut self.forces[..self.nodes.len()] {
-            *last = tip.tangent.into_inner() * tip.tangent.dot(before).clamp(0.0, cutting);
-            *before -= *last;
-        }
-    }
-
     /// Writes the forces of the tissue on the needle, N: each on the shaft from its node to the next, the last to the
     /// arc `end` (mm), and that at the tip of `line`.
-    pub(super) fn shaft_loads(&self, line: &CentreLine, end: f64, cutting: Option<f64>, into: &mut Vec<ShaftLoad>) {
+    pub(super) fn shaft_loads(&self, line: &CentreLine, end: f64, into: &mut Vec<ShaftLoad>) {
         for (index, contact) in self.nodes.iter().enumerate() {
             // A node may lie beyond the tip until the tissue has caught up.
             let from_mm = contact.arc.min(end);
@@ -180,12 +199,6 @@ impl Contacts {
         let mut at_tip = Vector3::zeros();
         if self.has_others[0] {
             at_tip = -self.forces[self.nodes.len()];
-        }
-        if let (Some(cutting), Some(last)) = (cutting, into.last_mut()) {
-            // The node at the tip bears the cutting force beside that of its shaft.
-            let tangent = line.point_at_arc(length).tangent.into_inner();
-            at_tip = tangent * tangent.dot(&last.force_n).clamp(-cutting, 0.0);
-            last.force_n -= at_tip;
         }
         into.push(ShaftLoad {
             from_mm: length,
@@ -212,7 +225,7 @@ impl Contacts {
         for (index, contact) in self.nodes.iter_mut().enumerate() {
             let mut arc = self.starts[index];
             if !contact.slider.is_stuck() {
-                let nearest_arc = line.nearest(&(contact.reference + joint.displacement(index)));
+                let nearest_arc = line.nearest(&(contact.reference + contact.aside + joint.displacement(index)));
                 arc = contact.arc + (nearest_arc - contact.arc) * share;
             }
             largest = largest.max((arc - contact.arc).abs());

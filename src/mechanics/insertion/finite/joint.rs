@@ -11,9 +11,10 @@
 //!
 //! This is one symmetric system for the forces across the shaft and, of nodes that stick, along it. It is positive
 //! definite unless forces along the needle would buckle it: then C is indefinite, and whether tissue supports the
-//! needle is seen from the signs of the factors ([`Solved::signs`]). The cutting force acts on the tissue at the tip,
-//! distributed among the corners of its element by the barycentric coordinates of the tip: a node of its own with one
-//! force. Which nodes stick follows from Coulomb's law with bounds known beforehand: a linear complementarity problem
+//! needle is seen from the signs of the factors ([`Solved::signs`]). The force at the tip acts on the tissue there,
+//! distributed among the corners of its element by the barycentric coordinates of the tip. While the tip sticks its
+//! force is eliminated first, as the patch of tissue that it dents is not that of the mesh
+//! ([`Reduced::set_tip`]). Which nodes stick follows from Coulomb's law with bounds known beforehand: a linear complementarity problem
 //! with a positive definite matrix, hence with one solution. Nodes whose force exceeds a bound slip, and those that
 //! would slip in the direction of their friction stick; if that does not settle, only the lowest such node changes at a
 //! time, which must terminate (Murty, 1974).
@@ -48,6 +49,10 @@ pub(super) struct Joint {
     system: Ldl,
     rows: Vec<usize>,
     right: Vec<f64>,
+    /// Gap between line and tissue at a tip that sticks, less the displacement under known forces, mm.
+    tip_gap: Option<f64>,
+    /// Response of the unknown forces to that at the tip.
+    tip_answer: Vec<f64>,
     /// Forces on the tissue in the frames of the contacts, N.
     forces: Vec<f64>,
     /// Forces about which the solution was linearised, N.
@@ -97,6 +102,7 @@ impl Joint {
         tip: Option<&TipRow>,
         guide: Option<Point3<f64>>,
         released: usize,
+        tangent: &Vector3<f64>,
     ) {
         let (probes, rows) = match &tissue.probe {
             None => (0, &[][..]),
@@ -107,7 +113,7 @@ impl Joint {
             self.tissue.condense(condensed, probes, contacts, rows);
             self.version = Some(tissue.version);
         }
-        self.tissue.set_tip(condensed, probes, tip);
+        self.tissue.set_tip(condensed, probes, tip, tangent);
         (self.guide, self.released) = (guide, released);
         self.tissue
             .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()));
@@ -170,7 +176,7 @@ impl Joint {
             let mut changed = false;
             let sliders = contacts
                 .iter_mut()
-                .map(|contact| (contact.reference, &mut contact.slider));
+                .map(|contact| (contact.reference + contact.aside, &mut contact.slider));
             let tip_slider = tip.as_deref_mut().map(|tip| (tip.reference, &mut tip.slider));
             for (index, (reference, slider)) in sliders.chain(tip_slider).enumerate() {
                 let position = line
@@ -216,10 +222,11 @@ impl Joint {
         self.forces.resize(3 * self.nodes(), 0.0);
         self.rows.clear();
         self.right.clear();
+        self.tip_gap = None;
         for (index, contact) in contacts.iter().enumerate() {
             let stuck = contact.slider.is_stuck();
             let arc = if stuck { starts[index] } else { contact.arc };
-            let gap = line.point_at_arc(arc).point_mm - contact.reference - self.tissue.offset(index);
+            let gap = line.point_at_arc(arc).point_mm - contact.reference - contact.aside - self.tissue.offset(index);
             let local = self.frames[index].transpose() * gap;
             if stuck {
                 self.rows.push(3 * index);
@@ -235,9 +242,12 @@ impl Joint {
                 let gap = line.tip() - tip.reference - self.tissue.offset(tip_index);
                 let local = self.frames[tip_index].transpose() * gap;
                 // Bone pins the tip; tissue does not constrain it across the shaft.
-                let rows = if tip.compliance_mm_per_n > 0.0 { 3 } else { 1 };
-                self.rows.extend(3 * tip_index..3 * tip_index + rows);
-                self.right.extend(local.iter().take(rows));
+                if tip.is_bone {
+                    self.rows.extend(3 * tip_index..3 * tip_index + 3);
+                    self.right.extend(local.iter());
+                } else {
+                    self.tip_gap = Some(local.x);
+                }
             }
             self.forces[3 * tip_index] = tip.slider.force().unwrap_or_default();
         }
@@ -260,9 +270,13 @@ impl Joint {
     ) -> Signs {
         self.write_rows(contacts, tip, starts, line);
         let n = self.forces.len();
+        let tip_row = 3 * contacts.len();
         for component in (0..n).filter(|component| self.forces[*component] != 0.0) {
             let force = self.forces[component];
             let column = &self.turned[component * n..(component + 1) * n];
+            if let Some(gap) = &mut self.tip_gap {
+                *gap -= column[tip_row] * force;
+            }
             self.right
                 .iter_mut()
                 .zip(&self.rows)
@@ -274,6 +288,11 @@ impl Joint {
                 *self.system.entry(i, j) = self.turned[column * n + row];
             }
         }
+        for (j, row) in self.rows.iter().enumerate() {
+            if let Some(contact) = contacts.get(row / 3).filter(|_| row % 3 > 0) {
+                *self.system.entry(j, j) += contact.softness_mm_per_n;
+            }
+        }
         if let Some(yields) = yields {
             for (j, &column) in self.rows.iter().enumerate() {
                 for (i, &row) in self.rows.iter().enumerate().skip(j) {
@@ -283,12 +302,40 @@ impl Joint {
                 self.right[j] -= self.needle_displacement(column, Some(yields));
             }
         }
-        let signs = self.system.factor();
+        let mut signs = self.system.factor();
         self.system.solve(&mut self.right);
+        if let Some(gap) = self.tip_gap {
+            let drift = self.needle_displacement(tip_row, yields);
+            signs.negative += usize::from(self.solve_tip(tip_row, gap - drift, yields) < 0.0);
+        }
         for (force, &row) in self.right.iter().zip(&self.rows) {
             self.forces[row] = *force;
         }
         signs
+    }
+
+    /// Solves for the force at a tip that sticks, and adds the answers of the unknown forces to it. Returns how far the
+    /// tip yields to its force, mm/N.
+    fn solve_tip(&mut self, tip_row: usize, gap: f64, yields: Option<&NeedleCompliance>) -> f64 {
+        let n = self.forces.len();
+        let entry = |row: usize, column: usize| {
+            self.turned[column * n + row] + yields.map_or(0.0, |yields| yields.entry(row, column))
+        };
+        self.tip_answer.clear();
+        self.tip_answer.extend(self.rows.iter().map(|row| entry(*row, tip_row)));
+        self.system.solve(&mut self.tip_answer);
+        let product = |forces: &[f64]| {
+            let pairs = self.rows.iter().zip(forces);
+            pairs
+                .map(|(column, force)| entry(tip_row, *column) * force)
+                .sum::<f64>()
+        };
+        let yielding = entry(tip_row, tip_row) - product(&self.tip_answer);
+        let force = (gap - product(&self.right)) / yielding;
+        let answers = self.right.iter_mut().zip(&self.tip_answer);
+        answers.for_each(|(right, answer)| *right -= answer * force);
+        self.forces[tip_row] = force;
+        yielding
     }
 
     /// Returns the force on the tissue at a contact of the needle, or, behind them, at the tip or on the guide, N,

@@ -15,7 +15,7 @@ const MAX_ELEMENTS: usize = 64;
 /// Magnitude below which a negative coordinate counts as rounding.
 const SLACK: f64 = 1e-10;
 /// Maximum distance of a point outside the mesh, as a share of the height of the element there.
-const BESIDE: f64 = 0.5;
+const BESIDE: f64 = 4.0;
 /// Spacing of the search along the needle among inverted elements, mm.
 const SEARCH_MM: f64 = 0.25;
 /// Number of search positions to either side.
@@ -33,6 +33,13 @@ pub(super) struct Place {
 }
 
 impl Place {
+    /// Returns the shares of the corners in a force at the point: those of the nearest point in the element.
+    pub(super) fn shares(&self) -> [f64; 4] {
+        let shares = self.bary.map(|share| share.max(0.0));
+        let sum: f64 = shares.iter().sum();
+        shares.map(|share| share / sum)
+    }
+
     /// Returns whether the point is in its element rather than extrapolated beside the mesh.
     pub(super) fn is_inside(&self) -> bool {
         self.bary.iter().all(|share| *share >= -1e-9)
@@ -89,7 +96,7 @@ impl Tissue {
         }
         let mut place = self.place_at_rest(anatomy, tip, NO_ELEMENT)?;
         for _ in 0..ENTRY_ITERATIONS {
-            let point = tip - self.displacement_at(&place);
+            let point = tip - self.displacement_at(&place, &Vector3::zeros());
             let next = self.place_at_rest(anatomy, &point, place.element)?;
             let shift = self.point_at(&next) - self.point_at(&place);
             place = next;
@@ -97,7 +104,7 @@ impl Tissue {
                 break;
             }
         }
-        self.search(tip, place.element)
+        self.search(tip, &Vector3::zeros(), place.element)
     }
 
     /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest
@@ -122,48 +129,62 @@ impl Tissue {
         self.adaptation.mesh().point(place.element, place.bary).into()
     }
 
-    fn displacement_at(&mut self, place: &Place) -> Vector3<f64> {
-        let corners = self.mesh.elements()[place.element as usize];
-        let terms = corners.into_iter().zip(place.bary);
-        terms.map(|(node, weight)| self.displacement_of(node) * weight).sum()
+    /// Returns where the tissue at a place lies without the dent along the needle's `tangent`, mm.
+    pub(super) fn lies(&mut self, place: &Place, tangent: &Vector3<f64>) -> Point3<f64> {
+        self.point_at(place) + self.displacement_at(place, tangent)
     }
 
-    /// Returns an element with its current corners.
-    fn deformed(&mut self, element: u32) -> Option<Tetrahedron> {
+    fn displacement_at(&mut self, place: &Place, tangent: &Vector3<f64>) -> Vector3<f64> {
+        let corners = self.mesh.elements()[place.element as usize];
+        let terms = corners.into_iter().zip(place.bary);
+        terms
+            .map(|(node, weight)| self.displacement_without_dent(node, tangent) * weight)
+            .sum()
+    }
+
+    /// Returns an element with its corners where they lie without the dent.
+    fn deformed(&mut self, element: u32, tangent: &Vector3<f64>) -> Option<Tetrahedron> {
         let corners = self.mesh.elements()[element as usize];
         let places = corners.map(|node| {
-            let displacement = self.displacement_of(node);
+            let displacement = self.displacement_without_dent(node, tangent);
             Point3::from(self.adaptation.mesh().nodes()[node as usize]) + displacement
         });
         Tetrahedron::new(&places)
     }
 
-    /// Locates a point in the deformed tissue, searching from an element. Returns `None` outside.
-    fn search(&mut self, point: &Point3<f64>, from: u32) -> Option<Place> {
+    /// Locates a point in the tissue as it lies without the dent, searching from an element. Returns `None` outside.
+    fn search(&mut self, point: &Point3<f64>, tangent: &Vector3<f64>, from: u32) -> Option<Place> {
         let mesh = Arc::clone(&self.mesh);
         search(&mesh, point, from, |element| {
-            let tetrahedron = self.deformed(element)?;
+            let tetrahedron = self.deformed(element, tangent)?;
             self.crushed += usize::from(tetrahedron.volume <= 0.0);
             Some(tetrahedron)
         })
     }
 
-    /// Locates the tip of a needle, searching from an element. Among inverted elements, which overlap others, returns
-    /// the place nearest to `last` (reference state) along the needle whose tissue is as far along the needle as the
-    /// tip.
-    pub(super) fn locate_tip(&mut self, line: &CentreLine, last: Point3<f64>, from: u32) -> Option<Place> {
-        let (tip, inverted) = (line.tip(), self.crushed);
-        let place = self.search(&tip, from);
+    /// Locates the tip of a needle that dents the tissue there by `dent_mm`, searching from an element. Among inverted
+    /// elements, which overlap others, returns the place nearest to `last` (reference state) along the needle whose
+    /// tissue is as far along the needle as the tip.
+    pub(super) fn locate_tip(
+        &mut self,
+        line: &CentreLine,
+        dent_mm: f64,
+        last: Point3<f64>,
+        from: u32,
+    ) -> Option<Place> {
+        let tangent = line.point_at_arc(line.length_mm()).tangent.into_inner();
+        let (tip, inverted) = (line.tip() - tangent * dent_mm, self.crushed);
+        let place = self.search(&tip, &tangent, from);
+        let inside = self.element_inside(place.as_ref(), &last);
+        let place = inside.and_then(|from| self.search(&tip, &tangent, from)).or(place);
         if self.crushed == inverted {
             return place;
         }
         // Inverted elements overlap: the place found may be far from where the tip has come from. Instead, the tissue
         // along the needle's way is bracketed where it passes the tip, and bisected.
-        let tangent = line.point_at_arc(line.length_mm()).tangent.into_inner();
         let gap = |tissue: &mut Tissue, distance_mm: f64| {
             let place = tissue.locate_at_rest(&(last + tangent * distance_mm), from)?;
-            let lies = tissue.point_at(&place) + tissue.displacement_at(&place);
-            Some((tangent.dot(&(tip - lies)), place))
+            Some((tangent.dot(&(tip - tissue.lies(&place, &tangent))), place))
         };
         let forward = gap(self, 0.0)?.0.signum();
         let passed = |gap: f64| gap * forward <= 0.0;
@@ -181,10 +202,23 @@ impl Tissue {
     /// Locates a point in the reference state, searching from an element.
     pub(super) fn locate_at_rest(&self, point: &Point3<f64>, from: u32) -> Option<Place> {
         let nodes = self.adaptation.mesh().nodes();
-        search(&self.mesh, point, from, |element| {
-            let corners = self.mesh.elements()[element as usize];
-            Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))
-        })
+        let search_from = |from| {
+            search(&self.mesh, point, from, |element| {
+                let corners = self.mesh.elements()[element as usize];
+                Tetrahedron::new(&corners.map(|node| Point3::from(nodes[node as usize])))
+            })
+        };
+        let place = search_from(from);
+        let inside = self.element_inside(place.as_ref(), point);
+        inside.and_then(search_from).or(place)
+    }
+
+    /// Returns the element of the original mesh near which a search that has ended beside the mesh starts again: the way
+    /// of a search does not lead around a notch of the surface.
+    fn element_inside(&self, place: Option<&Place>, near: &Point3<f64>) -> Option<u32> {
+        let is_beside = place.is_none_or(|place| !place.is_inside());
+        let hit = is_beside.then(|| self.locator.locate((*near).into(), NO_ELEMENT));
+        hit.map(|hit| hit.element).filter(|element| *element != NO_ELEMENT)
     }
 }
 

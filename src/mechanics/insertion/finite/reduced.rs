@@ -17,6 +17,10 @@ use super::contact::Slider;
 use crate::ldl::Ldl;
 use insonify_base::simd::{Kernel, vectorised};
 
+/// Maximum dent of the mesh by the force at the tip, as a share of that of the patch: a node of the mesh at the tip must
+/// not yield as much, or forces on both would be undetermined.
+const MAX_SHARE: f64 = 0.9;
+
 /// A displacement prescribed by the probe: contact and direction.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ProbeRow {
@@ -28,11 +32,17 @@ pub(super) struct ProbeRow {
 /// The tissue at the tip: the nodes that share its force, its undeformed position, and the state of its force.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct TipRow {
-    /// Indices of nodes of the compliance, with their shares.
+    /// Indices of nodes of the compliance, with their shares; all 0 for bone.
     pub shares: [(usize, f64); 4],
-    /// Compliance of bone, mm/N; 0 for soft tissue.
+    /// Compliance of bone, or of the patch of tissue at the tip, mm/N.
     pub compliance_mm_per_n: f64,
-    /// Position in the reference state, mm.
+    /// Whether the tip is on bone, which pins it.
+    pub is_bone: bool,
+    /// Whether the tip is at the unbroken skin: no part of the needle is in the tissue then, and only the force at the
+    /// tip dents it.
+    #[serde(default)]
+    pub is_alone: bool,
+    /// Position in the reference state, and the offset of the dent there, mm.
     pub reference: nalgebra::Point3<f64>,
     pub slider: Slider,
 }
@@ -54,6 +64,8 @@ pub(super) struct Reduced {
     offset: Vec<f64>,
     contacts: usize,
     has_tip: bool,
+    /// Share of the force at the tip that loads the mesh.
+    tip_share: f64,
     /// Buffer for a few columns of K_Pn.
     block: Vec<f64>,
 }
@@ -95,9 +107,18 @@ impl Reduced {
 
     /// Places the tissue at the tip behind the contacts, or removes it. The compliance is that of the last
     /// [`condense`](Self::condense).
-    pub(crate) fn set_tip(&mut self, condensed: MatRef<'_, f64>, probes: usize, tip: Option<&TipRow>) {
+    ///
+    /// The tip is dented as a patch is: its own compliance does not depend on the mesh. The mesh is loaded by the share
+    /// of the force that moves it as far there, so that columns and rows of the tip differ by that share.
+    pub(crate) fn set_tip(
+        &mut self,
+        condensed: MatRef<'_, f64>,
+        probes: usize,
+        tip: Option<&TipRow>,
+        tangent: &Vector3<f64>,
+    ) {
         self.clear_rest();
-        self.has_tip = tip.is_some();
+        (self.has_tip, self.tip_share) = (tip.is_some(), 1.0);
         let Some(tip) = tip else { return };
         // The tip is no node: its displacement is the mean of the nodes around it by their shares, and a force on it is
         // divided among them by the same, so that the compliance stays symmetric.
@@ -125,10 +146,27 @@ impl Reduced {
             }
         }
         self.eliminate(tip_start, tip_start + 3);
-        // Bone yields apart from the tissue: it adds to the compliance of the tip alone.
-        for column in tip_start..tip_start + 3 {
-            self.compliance[column * room + column] += tip.compliance_mm_per_n;
+        let of_mesh = tangent.dot(&(self.block(self.contacts, self.contacts) * tangent));
+        if of_mesh > 0.0 {
+            self.tip_share = (MAX_SHARE * tip.compliance_mm_per_n / of_mesh).min(1.0);
         }
+        for column in tip_start..tip_start + 3 {
+            let column_entries = &mut self.compliance[column * room..column * room + tip_start + 3];
+            column_entries[..tip_start]
+                .iter_mut()
+                .for_each(|entry| *entry *= self.tip_share);
+            column_entries[tip_start..].fill(0.0);
+            column_entries[column] = tip.compliance_mm_per_n;
+        }
+        if tip.is_alone {
+            let columns = self.compliance.chunks_exact_mut(room).take(tip_start);
+            columns.for_each(|column| column[tip_start..tip_start + 3].fill(0.0));
+        }
+    }
+
+    /// Returns the share of the force at the tip that loads the mesh.
+    pub(super) fn tip_share(&self) -> f64 {
+        self.tip_share
     }
 
     /// Clears everything behind the contacts.

@@ -6,7 +6,8 @@ use super::Finite;
 use super::contact::Slider;
 use super::contacts::Contacts;
 use super::needle::PlacedNeedle;
-use super::tip::Tip;
+use super::tip::{Dent, Tip};
+use crate::insertion::Work;
 use crate::needle::CentreLine;
 
 /// Iterations before damping: after them the forces change by an ever smaller share, so that a buckling needle does not
@@ -88,6 +89,7 @@ impl Finite {
         // Only now: a reverted attempt restores its loads.
         self.contacts.drop_faded_releases();
         self.take_forces();
+        self.log.cost.count(Work::Condensation);
     }
 
     fn settle_within(&mut self, base: &Isometry3<f64>, max_iterations: usize) {
@@ -121,10 +123,19 @@ impl Finite {
 
     /// Iterates to consistent forces, states and shape.
     fn attempt(&mut self, base: &Isometry3<f64>) -> Convergence {
+        self.log.cost.count(Work::Search);
         self.take_tip();
         self.take_compliance();
+        self.log.cost.count(Work::Condensation);
         self.attempt.start.keep(&self.contacts, &self.needle, &self.tip);
         self.needle.move_to(base);
+        let Dent {
+            withdrawn_mm,
+            compliance_mm_per_n,
+            ..
+        } = self.tip.dent;
+        self.contacts
+            .soften(self.needle.line.length_mm(), withdrawn_mm, compliance_mm_per_n);
         let mut holds = true;
         let mut change = f64::INFINITY;
         let mut unsettled = 0;
@@ -150,10 +161,12 @@ impl Finite {
                 modes.map(|_| &needle.yielding),
             );
             contacts.keep_forces();
+            self.log.cost.count(Work::Friction);
             let share = self.bend(iteration, modes.is_some());
             holds = modes.is_none_or(|modes| solved.signs.dependent > 0 || solved.signs.negative >= modes);
             let slid = self.contacts.slide(&self.joint, &self.needle.line, share);
             change = slid.max(self.needle.line.distance(&self.attempt.before));
+            self.log.cost.count(Work::Bending);
             unsettled = if solved.settled { 0 } else { unsettled + 1 };
             // States that still change give forces of no equilibrium, however little the line moves.
             if unsettled > 0 {
@@ -201,14 +214,23 @@ impl Finite {
     }
 
     pub(super) fn take_tip(&mut self) {
-        self.tip.add_to_system(&mut self.contacts, &mut self.tissue, &self.body);
+        let tangent = self.tip_tangent();
+        self.tip
+            .add_to_system(&tangent, &self.contacts, &mut self.tissue, &self.body);
+    }
+
+    fn tip_tangent(&self) -> Vector3<f64> {
+        let direction = self.needle.line.direction();
+        direction.map_or_else(Vector3::z, |tangent| tangent.into_inner())
     }
 
     /// Takes the compliance of the tissue, and makes room for the forces.
     pub(super) fn take_compliance(&mut self) {
+        let tangent = self.tip_tangent();
         let (contacts, row, guide) = (&mut self.contacts, self.tip.force.row(), self.needle.guide());
         let [nodes, released] = [contacts.nodes.len(), contacts.released.len()];
-        self.joint.take_compliance(&self.tissue, nodes, row, guide, released);
+        self.joint
+            .take_compliance(&self.tissue, nodes, row, guide, released, &tangent);
         let others = [row.is_some(), guide.is_some()];
         contacts.set_others(others, &self.needle.line, || self.tip.cutting(&self.body));
     }

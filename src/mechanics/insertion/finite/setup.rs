@@ -30,6 +30,8 @@ pub struct FiniteOptions {
     pub tolerance_mm: f64,
     /// Least distance between nodes on the needle, mm.
     pub spacing_mm: f64,
+    /// Radius of the patch of tissue that bears the force at the tip, mm.
+    pub patch_mm: f64,
     /// Largest Jacobian condition that remeshing at the tip may cause; where it would be exceeded, the next position is
     /// tried.
     pub condition_limit: f64,
@@ -50,6 +52,7 @@ impl Default for FiniteOptions {
             most_iterations: 40,
             tolerance_mm: 1e-5,
             spacing_mm: 1.0,
+            patch_mm: 5.0,
             condition_limit: 100.0,
             remesh: crate::tissue::remesh::RemesherOptions {
                 deferred: true,
@@ -100,6 +103,7 @@ impl Setup {
             ("most_iterations", options.most_iterations as f64),
             ("tolerance_mm", options.tolerance_mm),
             ("spacing_mm", options.spacing_mm),
+            ("patch_mm", options.patch_mm),
             ("condition_limit", options.condition_limit),
             ("columns", options.columns as f64),
             ("length_mm", self.probe.as_ref().map_or(1.0, |probe| probe.length_mm)),
@@ -152,6 +156,12 @@ impl Setup {
         let dofs = Dofs::new(self.mesh.nodes().len(), self.fixed.iter().copied());
         self.check_candidates(&dofs)?;
         rigid::check(&self.mesh, &dofs)?;
+        let of_elements = self.mesh.regions().iter().zip(&self.materials);
+        let moduli = of_elements.map(|(region, material)| {
+            let modulus = material.young_kpa() / (1.0 - material.poisson().powi(2));
+            (*region, modulus * 1e-3)
+        });
+        let moduli = moduli.collect();
         let adapted = AdaptedMesh::new(&self.mesh, &self.materials, &dofs)?;
         let mut base = Base {
             factor: Arc::new(Factor::new(adapted.stiffness())?),
@@ -175,6 +185,8 @@ impl Setup {
             body: CutTissue {
                 anatomy,
                 channel: Channel::default(),
+                patch_mm: self.options.patch_mm,
+                moduli,
             },
             tissue: Tissue::new(mesh, locator, adaptation, probe),
             needle: PlacedNeedle::new(self.needle),

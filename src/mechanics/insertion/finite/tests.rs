@@ -162,3 +162,49 @@ fn forces_along_the_needle_are_those_of_the_tissue() {
     }
     assert!(slid > 100 && cut > 100, "{slid} lengths slide, {cut} steps cut");
 }
+
+/// Pushes a needle into a block until its surface breaks. Returns the way from touch to puncture, mm.
+fn dent(cell: f64, patch_mm: f64, puncture_n: f64) -> f64 {
+    let interaction = Interaction {
+        puncture_n,
+        cutting_n: 0.1 * puncture_n,
+        ..Interaction::default()
+    };
+    let mut of_block = setup(interaction, Level::Exact);
+    of_block.mesh = block(cell);
+    let nodes = of_block.mesh.nodes();
+    of_block.fixed = (0..nodes.len() as u32)
+        .filter(|node| nodes[*node as usize][2] > 79.9)
+        .flat_map(|node| (0..3).map(move |axis| (node, axis)))
+        .collect();
+    of_block.materials = vec![Material::new(10.0, 0.45).expect("a material"); of_block.mesh.elements().len()];
+    of_block.options.patch_mm = patch_mm;
+    let mut finite = Finite::new(of_block, |_, _| {}).expect("a setup");
+    let mut touch = None;
+    for step in 0..3000 {
+        let z = 0.01 * f64::from(step);
+        let outcome = finite.step(&at(z), 0.001).expect("a step");
+        assert!(outcome.converged);
+        let has = |kind| outcome.events.iter().any(|event| event.kind == kind);
+        if has(EventKind::Skin) {
+            touch = Some(z);
+        }
+        if has(EventKind::Puncture) {
+            return z - touch.expect("a touch before");
+        }
+    }
+    f64::NAN
+}
+
+/// F (1 - nu^2) / (2 a E), whatever the elements.
+#[test]
+fn an_unbroken_surface_is_dented_as_by_a_punch() {
+    for (cell, patch_mm) in [(20.0, 5.0), (10.0, 5.0), (8.0, 5.0), (10.0, 2.0), (10.0, 12.0)] {
+        let punch = 0.4 * (1.0 - 0.45 * 0.45) / (2.0 * patch_mm * 0.01);
+        let dent = dent(cell, patch_mm, 0.4);
+        assert!(
+            (dent / punch - 1.0).abs() < 0.05,
+            "{cell} mm, {patch_mm} mm: {dent} for {punch}"
+        );
+    }
+}

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Point3, Vector3};
 
 use super::contact::Contact;
 use super::contacts::Contacts;
+use super::farthest;
 use super::probe::ProbeNodes;
 use super::reduced::Reduced;
 use super::tip::Tip;
@@ -30,10 +31,13 @@ pub(super) struct Tissue {
     /// Counter of changes to the contacts or the mesh.
     pub version: u64,
     nearby: Nearby,
-    /// Forces by degree of freedom that displace the nodes, N.
-    carried: Vec<(usize, f64)>,
-    /// Forces by degree of freedom on all contacts, N.
-    contact_forces: Vec<f64>,
+    /// Forces by degree of freedom that displace the nodes, N: all, and all but that at the tip.
+    carried: [Vec<(usize, f64)>; 2],
+    /// Forces by degree of freedom on all contacts, N: all, and without that at the tip.
+    contact_forces: [Vec<f64>; 2],
+    has_tip_force: bool,
+    /// Forces on the tissue at the needle's contacts and at the tip, where the mesh is loaded by a share, N.
+    pub loads: Vec<Vector3<f64>>,
     dofs: Vec<usize>,
     /// Number of nodes moved in this step.
     pub remeshes: usize,
@@ -65,8 +69,10 @@ impl Tissue {
             probe,
             version: 0,
             nearby: Nearby::default(),
-            carried: Vec::new(),
-            contact_forces: Vec::new(),
+            carried: Default::default(),
+            contact_forces: Default::default(),
+            has_tip_force: false,
+            loads: Vec::new(),
             dofs: Vec::new(),
             remeshes: 0,
             crushed: 0,
@@ -102,39 +108,67 @@ impl Tissue {
     /// Gathers the forces of a solution by degree of freedom on all contacts: those of the probe, then those of the
     /// needle.
     pub(super) fn take_forces(&mut self, solved: &Reduced, contacts: &Contacts, tip: &Tip) {
-        let forces = &mut self.contact_forces;
-        forces.clear();
+        let nodes = contacts.nodes.len();
+        self.loads.clone_from(&contacts.forces);
+        let row = tip.force.row().filter(|_| contacts.has_others[0]);
+        let at_tip = row.map(|_| contacts.forces[nodes] * solved.tip_share());
+        self.has_tip_force = at_tip.is_some();
         let probes = self.probe.as_ref().map_or(0, |probe| probe.nodes().len());
-        forces.resize(3 * probes, 0.0);
-        for (row, force) in solved.probe_forces(&contacts.forces) {
-            for axis in 0..3 {
-                forces[3 * row.contact + axis] += force * row.direction[axis];
+        // Last those of all, which stay in `loads`.
+        for (without, at_tip) in [(true, at_tip.map(|_| Vector3::zeros())), (false, at_tip)] {
+            if let Some(force) = at_tip {
+                self.loads[nodes] = force;
+            }
+            let forces = &mut self.contact_forces[usize::from(without)];
+            forces.clear();
+            forces.resize(3 * probes, 0.0);
+            for (row, force) in solved.probe_forces(&self.loads) {
+                for axis in 0..3 {
+                    forces[3 * row.contact + axis] += force * row.direction[axis];
+                }
+            }
+            let needle = self.loads.iter().take(nodes);
+            forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
+            forces.resize(forces.len() + 3 * tip.corners.len(), 0.0);
+            // The force at the tip acts on the nodes around it, by the shares that gave its compliance.
+            if let (Some(row), Some(force)) = (row, at_tip) {
+                for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
+                    (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
+                }
             }
         }
-        let needle = contacts.forces.iter().take(contacts.nodes.len());
-        forces.extend(needle.flat_map(|force| [force.x, force.y, force.z]));
-        forces.resize(forces.len() + 3 * tip.corners.len(), 0.0);
-        // The force at the tip acts on the nodes around it, by the shares that gave its compliance.
-        if let (Some(row), [true, _]) = (tip.force.row(), contacts.has_others) {
-            let force = contacts.forces[contacts.nodes.len()];
-            for (node, share) in row.shares.into_iter().filter(|(_, share)| *share != 0.0) {
-                (0..3).for_each(|axis| forces[3 * node + axis] += share * force[axis]);
-            }
-        }
-        let remesher = self.adaptation.parts().1;
-        if remesher.equivalent_forces(forces, &mut self.carried).is_err() {
-            unreachable!("one force a contact");
-        }
+        self.carried.iter_mut().for_each(Vec::clear);
         self.nearby.renew();
     }
 
-    /// Moves the probe.
-    pub(super) fn press(&mut self, pose: Option<&Isometry3<f64>>) {
-        let Some(probe) = &mut self.probe else { return };
+    /// Ensures that the forces by degree of freedom that displace the nodes are known; `without` that at the tip.
+    fn carry(&mut self, without: bool) {
+        let set = usize::from(without);
+        if !self.carried[set].is_empty() {
+            return;
+        }
+        let remesher = self.adaptation.parts().1;
+        if remesher
+            .equivalent_forces(&self.contact_forces[set], &mut self.carried[set])
+            .is_err()
+        {
+            unreachable!("one force a contact");
+        }
+    }
+
+    /// Moves the probe. Returns how far, mm.
+    pub(super) fn press(&mut self, pose: Option<&Isometry3<f64>>) -> f64 {
+        let Some(probe) = &mut self.probe else { return 0.0 };
+        let motion_mm = match (&probe.pose, pose) {
+            (Some(before), Some(pose)) => farthest(before, pose, probe.length_mm()),
+            (None, None) => 0.0,
+            _ => f64::INFINITY,
+        };
         let condensed = self.adaptation.remesher().condensed();
-        if probe.move_to(pose, condensed, &self.contact_forces) {
+        if probe.move_to(pose, condensed, &self.contact_forces[0]) {
             self.version += 1;
         }
+        motion_mm
     }
 
     /// Forgets all that was derived from a compliance that may now differ in every entry.
@@ -145,9 +179,39 @@ impl Tissue {
 
     /// Returns the displacement of a node under the forces of the last solution, mm.
     pub(super) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
+        self.displacement(node, false)
+    }
+
+    /// Returns the displacement of a node under the forces of the last solution, less that by the force at the tip along
+    /// the needle's `tangent`, mm. Across the needle that force and those of the nodes on it hold each other.
+    pub(super) fn displacement_without_dent(&mut self, node: u32, tangent: &Vector3<f64>) -> Vector3<f64> {
+        let all = self.displacement(node, false);
+        if !self.has_tip_force {
+            return all;
+        }
+        let dent = all - self.displacement(node, true);
+        all - tangent * tangent.dot(&dent)
+    }
+
+    fn displacement(&mut self, node: u32, without: bool) -> Vector3<f64> {
+        let dofs = self.adaptation.mesh().dofs().of(node);
+        if dofs == [NO_DOF; 3] {
+            return Vector3::zeros();
+        }
+        // In most steps all nodes asked for are contacts: the compliance between those is at hand, while to carry the
+        // forces costs a product with a matrix of the size of the support.
+        if let Some(row) = self.dofs.iter().position(|dof| *dof == dofs[0] as usize) {
+            let condensed = self.adaptation.remesher().condensed();
+            let forces = &self.contact_forces[usize::from(without)];
+            return Vector3::from_fn(|axis, _| {
+                let entries = condensed.row(row + axis);
+                entries.iter().zip(forces).map(|(entry, force)| entry * force).sum()
+            });
+        }
+        self.carry(without);
         let displacement = self
             .nearby
-            .displacement(&mut self.adaptation, &self.carried, self.version, node);
+            .displacement(&mut self.adaptation, &self.carried, without, self.version, node);
         match displacement {
             Ok(displacement) => displacement.into(),
             Err(error) => unreachable!("rows and columns are free degrees of freedom: {error}"),
@@ -233,15 +297,16 @@ impl Tissue {
             if !matches!(into.field, Field::BaseForces(_)) {
                 into.field = Field::BaseForces(Vec::new());
             }
+            self.carry(false);
             if let Field::BaseForces(forces) = &mut into.field {
                 forces.clear();
-                forces.extend(self.carried.iter().map(|(dof, force)| (*dof as u32, *force)));
+                forces.extend(self.carried[0].iter().map(|(dof, force)| (*dof as u32, *force)));
             }
             return;
         }
         let mut displacement = vec![0.0; mesh.dofs().free()];
         let mut nodes = vec![[0.0; 3]; mesh.nodes().len()];
-        let forces = &self.contact_forces;
+        let forces = &self.contact_forces[0];
         if let Err(error) = self
             .adaptation
             .with_fallback(|_, remesher| remesher.displacement(forces, &mut displacement))
@@ -275,8 +340,8 @@ struct Key {
 #[derive(Clone, Copy, Debug)]
 struct Near {
     node: u32,
-    /// Displacement under the current forces, once computed for them, mm.
-    displacement: Option<[f64; 3]>,
+    /// Displacements under the current forces, all and all but that at the tip, once computed for them, mm.
+    displacement: [Option<[f64; 3]>; 2],
 }
 
 /// Cache of displacements of the nodes that the tip passes.
@@ -293,23 +358,26 @@ struct Nearby {
 impl Nearby {
     /// Discards the displacements, after the carried forces have changed.
     pub(crate) fn renew(&mut self) {
-        self.nodes.iter_mut().for_each(|near| near.displacement = None);
+        self.nodes.iter_mut().for_each(|near| near.displacement = [None; 2]);
     }
 
-    /// Returns the displacement of a node under the carried forces, mm. `contacts` is a counter that changes whenever
-    /// the contacts do.
+    /// Returns the displacement of a node under the carried forces, or under those `without` that at the tip, mm.
+    /// `contacts` is a counter that changes whenever the contacts do.
     pub(crate) fn displacement(
         &mut self,
         adaptation: &mut Adaptation,
-        carried: &[(usize, f64)],
+        carried: &[Vec<(usize, f64)>; 2],
+        without: bool,
         contacts: u64,
         node: u32,
     ) -> Result<[f64; 3], RemeshError> {
+        let set = usize::from(without);
+        let carried = &carried[set];
         let index = match self.nodes.iter().position(|near| near.node == node) {
             Some(index) if self.holds(adaptation, carried, contacts) => index,
             _ => self.read(adaptation, carried, contacts, node)?,
         };
-        if let Some(displacement) = self.nodes[index].displacement {
+        if let Some(displacement) = self.nodes[index].displacement[set] {
             return Ok(displacement);
         }
         let columns = self.columns.len();
@@ -317,7 +385,7 @@ impl Nearby {
             let row = &self.rows[(3 * index + axis) * columns..][..columns];
             row.iter().zip(carried).map(|(entry, (_, force))| entry * force).sum()
         });
-        self.nodes[index].displacement = Some(displacement);
+        self.nodes[index].displacement[set] = Some(displacement);
         Ok(displacement)
     }
 
@@ -357,7 +425,7 @@ impl Nearby {
         }
         self.nodes.push(Near {
             node,
-            displacement: None,
+            displacement: [None; 2],
         });
         Ok(index)
     }

@@ -232,6 +232,7 @@ impl Remesher for Exact {
 
     fn refresh(&mut self, mesh: &AdaptedMesh) -> Result<RemeshReport, RemeshError> {
         self.complete();
+        self.contacts.read_again(&mut *self.source)?;
         let dofs: Vec<u32> = mesh.support().collect();
         let mut support = Support::new(mesh.dofs().free());
         support.extend(&mut *self.source, &dofs, self.contacts.dofs())?;

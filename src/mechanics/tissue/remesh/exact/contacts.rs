@@ -47,6 +47,20 @@ impl Contacts {
         self.condensed.get_mut().copy_from(self.bare.get());
     }
 
+    /// Reads K0^-1[c, c] anew: that of a source that solves for columns is symmetric to rounding only, so that what was
+    /// read as contacts came depends on their order.
+    pub(super) fn read_again(&mut self, source: &mut dyn Compliance) -> Result<(), LinearError> {
+        let entries = source.entries(&self.dofs, &self.dofs)?;
+        let mut bare = self.bare.get_mut();
+        for j in 0..self.dofs.len() {
+            for i in 0..=j {
+                bare[(i, j)] = entries[(i, j)];
+                bare[(j, i)] = entries[(i, j)];
+            }
+        }
+        Ok(())
+    }
+
     /// Sets the contacts; rows of B and entries of both matrices are kept for contacts that remain.
     pub(super) fn set(
         &mut self,
