@@ -313,7 +313,7 @@ pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>
         .samples
         .last()
         .filter(|_| !trial.bone)
-        .map(|sample| sample.miss().norm()))
+        .map(|sample| sample.miss.norm()))
 }
 
 /// Name and place of the target.

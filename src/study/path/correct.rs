@@ -1,11 +1,11 @@
 //! Correction of a line for the displacement of its target.
 //!
-//! The needle is pivoted about its entry and sent deeper or less deep until its tip meets the target in the deformed
-//! tissue. Each run goes on until the tip passes the target; the remaining distance across the needle turns the line by
-//! a damped fixed point, P' = P + c m with the miss m at P, or, for needles that bend or have a bevel, by a
-//! Gauss-Newton step with the derivatives of m by both angles, from two more runs. Where a surface gives way so that
-//! the tip leaps past the target, the needle is drawn back to it. A last run to the end of the motion found measures
-//! the miss, which the same steps, along the needle too, then reduce.
+//! The needle is pivoted about its entry and sent deeper or less deep until the tissue at its tip is that of the target.
+//! Each run goes on until the tip passes the target; the remaining distance across the needle turns the line by a
+//! damped fixed point, P' = P + c m with the miss m at P, or, for needles that bend or have a bevel, by a Gauss-Newton
+//! step with the derivatives of m by both angles, from two more runs. Where a surface gives way so that the tip leaps
+//! past the target, the needle is drawn back to it. A last run to the end of the motion found measures the miss, which
+//! the same steps, along the needle too, then reduce.
 
 use nalgebra::{Matrix2, Point3, Vector2, Vector3};
 use serde::Serialize;
@@ -38,13 +38,12 @@ pub struct Corrected {
     pub insertion_mm: f64,
     /// Way back from there to the target, mm: above 0 where the tip leaps past it as a surface gives way.
     pub back_mm: f64,
-    /// Distance of the tip from the target when the needle is sent to where the target is at rest, mm.
+    /// Distance of the tissue at the tip from the target, both at rest, when the needle is sent to where the target is at
+    /// rest, mm.
     pub miss_before_mm: f64,
-    /// Distance of the tip from the target at the end of the corrected path, in the deformed tissue, mm.
+    /// The same at the end of the corrected path, mm.
     pub miss_mm: f64,
-    /// The same in the tissue at rest, mm, as `insert` states it: it differs where elements are inverted.
-    pub miss_at_rest_mm: f64,
-    /// Displacement of the target at that end, along the needle and across it, mm.
+    /// Displacement of the tissue at the tip at that end, along the needle and across it, mm.
     pub displacement_mm: [f64; 2],
     /// Turn of the line by the correction, degrees.
     pub turn_deg: f64,
@@ -75,13 +74,6 @@ impl Corrected {
             warnings.push(format!(
                 "no line reaches the target within {tolerance_mm} mm: the best misses it by {:.2} mm after {} simulations",
                 self.miss_mm, self.runs
-            ));
-        }
-        if (self.miss_at_rest_mm - self.miss_mm).abs() > tolerance_mm {
-            warnings.push(format!(
-                "the best path ends {:.2} mm from the target in the deformed tissue and {:.2} mm in the tissue at rest, as `insert` states it: \
-                 where tissue is crushed they part",
-                self.miss_mm, self.miss_at_rest_mm
             ));
         }
         if self.last.not_converged > 0 {
@@ -143,7 +135,7 @@ pub(super) fn correct(
     if uncorrected.bone {
         return Err(Fault::Excluded(DEFORMED_BONE));
     }
-    let Some(miss_before_mm) = uncorrected.samples.last().map(|sample| sample.miss().norm()) else {
+    let Some(miss_before_mm) = uncorrected.samples.last().map(|sample| sample.miss.norm()) else {
         return Err(Fault::Excluded("the simulation has no step"));
     };
     let (mut course, mut latest, mut miss_mm) = (straight, uncorrected.clone(), miss_before_mm);
@@ -153,7 +145,7 @@ pub(super) fn correct(
         miss_mm = latest
             .samples
             .last()
-            .map_or(f64::INFINITY, |sample| sample.miss().norm());
+            .map_or(f64::INFINITY, |sample| sample.miss.norm());
         // A search that ends farther off than it began has found nothing.
         if miss_mm >= miss_before_mm || !miss_mm.is_finite() {
             (course, latest, miss_mm) = (straight, uncorrected.clone(), miss_before_mm);
@@ -162,13 +154,10 @@ pub(super) fn correct(
     if latest.bone {
         return Err(Fault::Excluded(DEFORMED_BONE));
     }
-    let Some(at_rest) = latest.samples.last().and_then(|sample| sample.tip_at_rest_mm) else {
+    let end = latest.samples.last();
+    let Some(displacement) = end.and_then(|end| Some(end.tip - end.tip_at_rest_mm?)) else {
         return Err(Fault::Excluded("the simulated tip ends outside the tissue"));
     };
-    let displacement = latest
-        .samples
-        .last()
-        .map_or(Vector3::zeros(), |sample| sample.target - target);
     let forward = displacement.dot(&course.along);
     Ok(Corrected {
         direction: course.along.into(),
@@ -176,7 +165,6 @@ pub(super) fn correct(
         back_mm: course.back_mm,
         miss_before_mm,
         miss_mm,
-        miss_at_rest_mm: (target - at_rest).norm(),
         displacement_mm: [forward, (displacement - course.along * forward).norm()],
         turn_deg: course.along.angle(&straight.along).to_degrees(),
         max_force_n: latest.max_force_n,
@@ -291,7 +279,7 @@ impl Search<'_> {
         let mut damping = 1.0;
         for _ in 0..LANDINGS {
             let trial = self.run(&course, Until::End)?;
-            let Some(miss) = trial.samples.last().map(Sample::miss) else {
+            let Some(miss) = trial.samples.last().map(|sample| sample.miss) else {
                 break;
             };
             if best.as_ref().is_none_or(|(least, ..)| miss.norm() < *least) {
@@ -357,8 +345,8 @@ struct Met {
 /// Interpolates between the last two samples, of which the last is the first beyond the target in the direction of
 /// travel.
 fn met(samples: &[Sample], direction: &Vector3<f64>) -> Met {
-    let ahead = |sample: &Sample| sample.miss().dot(direction);
-    let aside = |sample: &Sample| sample.miss() - direction * ahead(sample);
+    let ahead = |sample: &Sample| sample.miss.dot(direction);
+    let aside = |sample: &Sample| sample.miss - direction * ahead(sample);
     let Some(after) = samples.last() else {
         return Met {
             travel_mm: 0.0,

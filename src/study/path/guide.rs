@@ -149,7 +149,13 @@ pub(super) fn reasons(lines: &[Candidate]) -> Vec<(&'static str, usize, String)>
             [low.min(coordinate), high.max(coordinate)]
         });
         let [least, most] = axis.range;
-        *taken = format!(" of {least} to {most} {}: {low:.1} to {high:.1}", axis.unit);
+        // The coordinates are those of the straight lines.
+        let deeper = if low >= least && high <= most {
+            ", more as the tissue gives way"
+        } else {
+            ""
+        };
+        *taken = format!(" of {least} to {most} {}: {low:.1} to {high:.1}{deeper}", axis.unit);
     }
     counted.sort_by_key(|(_, number, _)| std::cmp::Reverse(*number));
     counted

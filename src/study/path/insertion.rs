@@ -64,15 +64,10 @@ pub struct Sample {
     pub tip_at_rest_mm: Option<Point3<f64>>,
     /// The target in the deformed tissue, mm.
     pub target: Point3<f64>,
+    /// From the tissue at the tip to the target, both at rest, mm; before the skin, from the tip.
+    pub miss: Vector3<f64>,
     /// Force on the hand, N.
     pub force_n: f64,
-}
-
-impl Sample {
-    /// From the tip to the target, mm.
-    pub fn miss(&self) -> Vector3<f64> {
-        self.target - self.tip
-    }
 }
 
 /// Course of a simulation.
@@ -233,7 +228,7 @@ struct Watch<'a> {
     /// End of the way in, s from the start of the run.
     turns_s: f64,
     carried: MaterialPoints,
-    /// The last step, with the target at rest.
+    /// The last step, with the target where it is at rest.
     last: Option<Sample>,
     trial: Trial,
 }
@@ -249,6 +244,7 @@ impl Observer for Watch<'_> {
             tip: outcome.tip_mm,
             tip_at_rest_mm: outcome.tip_at_rest_mm,
             target: *self.target,
+            miss: self.target - outcome.tip_at_rest_mm.unwrap_or(outcome.tip_mm),
             force_n: outcome.on_hand.force_n.norm(),
         };
         let trial = &mut self.trial;
@@ -269,7 +265,7 @@ impl Observer for Watch<'_> {
         self.trial.inverted = self.trial.inverted.max(deformed.tissue.inverted);
         sample.target = self.carried.point(0, self.target, deformed.elements, deformed.tissue);
         self.trial.samples.push(sample);
-        let ahead_mm = sample.miss().dot(&self.course.along);
+        let ahead_mm = sample.miss.dot(&self.course.along);
         let goes_back = sample.time_s > self.turns_s * (1.0 + WHOLE);
         let reached = match self.until {
             Until::End => false,

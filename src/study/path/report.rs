@@ -177,7 +177,7 @@ impl PathPlan {
                     sample.travel_mm,
                     position(&sample.tip),
                     position(&sample.target),
-                    sample.miss().norm(),
+                    sample.miss.norm(),
                     sample.force_n
                 );
             }
