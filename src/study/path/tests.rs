@@ -279,7 +279,7 @@ const SHIPPED: [Shipped; 5] = [
     },
     Shipped {
         name: "spine-injection",
-        target_mm: [-22.0, 21.0],
+        target_mm: [-20.0, 18.0],
         angle_deg: 50.0,
     },
     Shipped {
@@ -302,7 +302,7 @@ fn shipped(name: &str, guide: &str, coarse: bool) -> (String, Scenario) {
     if coarse {
         for (from, to) in [
             ("nodes = 3300", "nodes = 1000"),
-            ("dt_ms = 1.0", "dt_ms = 20.0"),
+            ("dt_ms = 1.0", "dt_ms = 5.0"),
             ("dt_ms = 40.0", "dt_ms = 80.0"),
         ] {
             text = text.replace(from, to);
