@@ -69,7 +69,7 @@
 //! | simulators | [`Simulator`], [`Haptic`], [`Imaging`], [`SimulatorOptions`], [`Policy`], [`Forces`], [`SimulatorState`], [`Recording`], [`RecordedInput`], [`SimulatorError`] |
 //! | haptic devices | [`TwoPoints`], [`PointsPose`], [`Damper`], [`LateralHold`], [`HoldOptions`], [`TemplateGuided`], [`Template`], [`UnknownHole`] |
 //! | models of insertions | [`Model`], [`Instruments`], [`Outcome`], [`Wrench`], [`Event`], [`EventKind`], [`StepError`], [`Saved`], [`ShaftLoad`], [`LevelChange`] |
-//! | images of models | [`NodeSolver`], [`Snapshot`], [`Field`], [`MovedTissue`] |
+//! | images of models | [`NodeSolver`], [`Snapshot`], [`Field`], [`TissueAtTip`], [`MovedTissue`] |
 //! | tissue models | [`Finite`], [`FiniteOptions`], [`Setup`], [`Level`], [`Precision`]; [`MassSpring`], [`MassSpringParameters`]; [`Nonlinear`], [`NonlinearSetup`]; [`Material`], [`Interaction`], [`Peak`], [`Bone`], [`InsertionAnatomy`], [`MeshRegions`], [`ProbeContact`], [`InvalidSetup`] |
 //! | needles | [`Needle`], [`Rigid`], [`Flexible`], [`Shaft`], [`Stiffness`], [`Bevel`], [`BEVEL_MM`], [`LINK_MM`], [`CentreLine`], [`Load`], [`Entry`], [`Row`] |
 //! | scenarios | [`ScenarioFile`], [`Scenario`], [`SCENARIOS`], [`run_scenario`], [`Observer`], [`Requests`], [`Step`], [`Moment`], [`Deformed`], [`Summary`], [`Record`] |
@@ -169,7 +169,7 @@ pub use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters
 pub use insonify_mechanics::insertion::{
     Anatomy as InsertionAnatomy, Bone, Event, EventKind, Field, Instruments, Interaction, InvalidSetup, LevelChange,
     MeshRegions, Model, NodeSolver, Outcome, Peak, ProbeContact, RecordedInput, Recording, Saved, ShaftLoad,
-    SimulatorState, Snapshot, StepError, Tissue as MovedTissue, Wrench,
+    SimulatorState, Snapshot, StepError, Tissue as MovedTissue, TissueAtTip, Wrench,
 };
 pub use insonify_mechanics::needle::{
     BEVEL_MM, Bevel, CentreLine, Entry, Flexible, LINK_MM, Load, Needle, Rigid, Row, Shaft, Stiffness,

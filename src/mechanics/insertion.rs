@@ -130,6 +130,21 @@ pub struct Snapshot {
     pub moved: Vec<(u32, [f64; 3])>,
     /// Displacement field of the nodes.
     pub field: Field,
+    /// Tissue at the tip, whose dent the field has as far as the mesh can show it; `None` outside.
+    pub at_tip: Option<TissueAtTip>,
+}
+
+/// Tissue at the tip of the needle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TissueAtTip {
+    /// Position of the tip, mm.
+    pub tip_mm: Point3<f64>,
+    /// Nodes of the element in which the tissue at the tip lies.
+    pub corners: [u32; 4],
+    /// Its barycentric coordinates there.
+    pub shares: [f64; 4],
+    /// Radius of the patch that the tip dents, mm.
+    pub radius_mm: f64,
 }
 
 /// Displacements of the nodes, or the forces that determine them.

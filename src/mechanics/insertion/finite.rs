@@ -31,7 +31,7 @@ use super::imager::MeshImager;
 use super::validation::{BASE, check_pose};
 use super::{
     Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
-    StepCost, StepError, Work, Wrench,
+    StepCost, StepError, TissueAtTip, Work, Wrench,
 };
 use crate::needle::CentreLine;
 use crate::tissue::remesh::{Adaptation, Level, Maker};
@@ -486,6 +486,15 @@ impl Model for Finite {
         into.line.clone_from(&self.needle.line);
         into.seeds.clone_from(&self.log.seeds);
         self.tissue.write_snapshot(into);
+        into.at_tip = self.tip.at_rest(&self.needle).and_then(|at_rest| {
+            let place = self.tissue.locate_at_rest(&at_rest, self.tip.element?)?;
+            Some(TissueAtTip {
+                tip_mm: self.needle.line.tip(),
+                corners: self.tissue.mesh.elements()[place.element as usize],
+                shares: place.bary,
+                radius_mm: self.body.patch_mm,
+            })
+        });
     }
 
     fn imager(&self) -> Box<dyn NodeSolver> {

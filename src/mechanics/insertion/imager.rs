@@ -2,7 +2,9 @@
 
 use std::sync::Arc;
 
-use super::{Field, NodeSolver, Snapshot, Tissue};
+use nalgebra::{Point3, Vector3};
+
+use super::{Field, NodeSolver, Snapshot, Tissue, TissueAtTip};
 use crate::tissue::dofs::Dofs;
 use crate::tissue::factor::Factor;
 use insonify_mesh::TetMesh;
@@ -60,6 +62,45 @@ impl NodeSolver for MeshImager {
         };
         write_nodes(self.mesh.nodes(), &snapshot.moved, displacement, into);
         into.inverted = self.mesh.volumes(&into.current).filter(|volume| *volume <= 0.0).count();
+        if let Some(at_tip) = &snapshot.at_tip {
+            at_tip.show(into);
+        }
+    }
+}
+
+impl TissueAtTip {
+    /// Displaces the nodes around the tip so that the tissue at the tip is there. What a mesh lacks of the dent lies within
+    /// its elements and the patch; nodes that nothing has displaced are fixed.
+    fn show(&self, tissue: &mut Tissue) {
+        let interpolated = |nodes: &[[f64; 3]]| -> Vector3<f64> {
+            let terms = self.corners.iter().zip(self.shares);
+            terms
+                .map(|(node, share)| Vector3::from(nodes[*node as usize]) * share)
+                .sum()
+        };
+        let at_rest = Point3::from(interpolated(&tissue.reference));
+        let missing = self.tip_mm - Point3::from(interpolated(&tissue.current));
+        let weight = |reference: &[f64; 3], current: &[f64; 3]| {
+            let distance = (Point3::from(*reference) - at_rest).norm_squared() / (self.radius_mm * self.radius_mm);
+            if reference == current {
+                0.0
+            } else {
+                (1.0 + distance).powf(-1.5)
+            }
+        };
+        let at_tip: f64 = self
+            .corners
+            .iter()
+            .zip(self.shares)
+            .map(|(node, share)| share * weight(&tissue.reference[*node as usize], &tissue.current[*node as usize]))
+            .sum();
+        if at_tip <= 0.0 {
+            return;
+        }
+        for (reference, current) in tissue.reference.iter().zip(&mut tissue.current) {
+            let shift = missing * (weight(reference, current) / at_tip);
+            (0..3).for_each(|axis| current[axis] += shift[axis]);
+        }
     }
 }
 

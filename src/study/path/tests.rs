@@ -341,6 +341,16 @@ fn planned_and_inserted(shipped_scenario: &Shipped, coarse: bool) {
             path.miss_mm
         );
         assert_eq!(line.guide.is_some(), is_guided);
+        // The picture shows the target at the tip, in whatever mesh.
+        let shown_mm = path
+            .last
+            .samples
+            .last()
+            .map_or(f64::NAN, |end| (end.target - end.tip).norm());
+        assert!(
+            shown_mm <= 3.0 * options.tolerance_mm,
+            "{name} {is_guided}: {shown_mm} mm"
+        );
         let entry = pose.world_to_probe().transform_point(&line.entry_mm.unwrap().into());
         let (tan, cos) = (angle_deg.to_radians().tan(), angle_deg.to_radians().cos());
         guide = format!(

@@ -1,7 +1,7 @@
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3};
 
 use super::*;
-use crate::insertion::{Instruments, Interaction, Model};
+use crate::insertion::{Instruments, Interaction, Model, Tissue as MovedTissue};
 use crate::needle::{CentreLine, Entry, Load, Needle, Row};
 use crate::tissue::material::Material;
 use crate::tissue::remesh::{Level, Precision};
@@ -192,8 +192,41 @@ fn dent(cell: f64, patch_mm: f64, puncture_n: f64) -> f64 {
         if has(EventKind::Puncture) {
             return z - touch.expect("a touch before");
         }
+        if touch.is_some() && step % 50 == 0 {
+            shows_the_dent(&mut finite);
+        }
     }
     f64::NAN
+}
+
+/// The picture has the tissue at the tip there, and that far from it where the forces on the mesh have moved it.
+fn shows_the_dent(finite: &mut Finite) {
+    let (mut snapshot, mut shown, mut solved) = (Snapshot::default(), MovedTissue::default(), MovedTissue::default());
+    finite.snapshot(&mut snapshot);
+    let mut imager = finite.imager();
+    imager.tissue(&snapshot, &mut shown);
+    let at_tip = snapshot.at_tip.take().expect("a tip in tissue");
+    imager.tissue(&snapshot, &mut solved);
+    let corners = at_tip.corners.iter().zip(at_tip.shares);
+    let at = |tissue: &MovedTissue| -> Vector3<f64> {
+        let nodes = corners.clone();
+        nodes
+            .map(|(node, share)| Vector3::from(tissue.current[*node as usize]) * share)
+            .sum()
+    };
+    assert!((at(&shown) - at_tip.tip_mm.coords).norm() < 1e-9);
+    let missing_mm = (at(&solved) - at_tip.tip_mm.coords).norm();
+    for (index, reference) in shown.reference.iter().enumerate() {
+        let [x, y, z] = [0, 1, 2].map(|axis| shown.current[index][axis] - solved.current[index][axis]);
+        let (shift_mm, distance_mm) = (
+            Vector3::new(x, y, z).norm(),
+            (Point3::from(*reference) - at_tip.tip_mm).norm(),
+        );
+        assert!(
+            distance_mm < 45.0 || shift_mm <= 0.3 * missing_mm,
+            "{shift_mm} of {missing_mm} mm at {distance_mm} mm"
+        );
+    }
 }
 
 /// F (1 - nu^2) / (2 a E), whatever the elements.
