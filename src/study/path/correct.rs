@@ -142,10 +142,7 @@ pub(super) fn correct(
     if miss_mm > tolerance_mm {
         let on_line = search.line(straight, tolerance_mm)?;
         (course, latest) = search.land(on_line, tolerance_mm)?;
-        miss_mm = latest
-            .samples
-            .last()
-            .map_or(f64::INFINITY, |sample| sample.miss.norm());
+        miss_mm = latest.samples.last().map_or(f64::INFINITY, |sample| sample.miss.norm());
         // A search that ends farther off than it began has found nothing.
         if miss_mm >= miss_before_mm || !miss_mm.is_finite() {
             (course, latest, miss_mm) = (straight, uncorrected.clone(), miss_before_mm);

@@ -284,7 +284,7 @@ const SHIPPED: [Shipped; 5] = [
     },
     Shipped {
         name: "segmentation-biopsy",
-        target_mm: [20.0, 34.0],
+        target_mm: [16.0, 30.0],
         angle_deg: -45.0,
     },
     Shipped {
