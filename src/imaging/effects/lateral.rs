@@ -53,21 +53,35 @@ impl LateralKernel {
         let requested = (0..samples).map(&sigma_lines).fold(0.0, f64::max);
         let widest = requested.min(MAX_SIGMA);
         let reach = (3.0 * widest).ceil() as usize;
-        let mut rows = vec![0.0; (2 * reach + 2) * samples];
-        for sample in 0..samples {
+        let weights = |sample: usize| {
             let sigma = sigma_lines(sample).min(MAX_SIGMA);
-            let near = reach.min((FARTHEST * sigma).ceil() as usize);
-            let weights = gaussian(sigma, near);
+            let mut weights = gaussian(sigma, reach.min((FARTHEST * sigma).ceil() as usize));
             let factor = total(sample, &weights);
-            for (tap, weight) in weights.into_iter().enumerate() {
-                rows[(1 + reach - near + tap) * samples + sample] = weight * factor;
-            }
+            weights.iter_mut().for_each(|weight| *weight *= factor);
+            weights
+        };
+        Self {
+            least_share: if requested > widest { widest / requested } else { 1.0 },
+            ..Self::of(&(0..samples).map(weights).collect::<Vec<_>>())
+        }
+    }
+
+    /// The kernel with these weights at each sample depth, an odd number of them.
+    pub(super) fn of(weights: &[Vec<f64>]) -> Self {
+        let reach = weights.iter().map(|weights| weights.len() / 2).max().unwrap_or(0);
+        let samples = weights.len();
+        let mut rows = vec![0.0; (2 * reach + 2) * samples];
+        for (sample, weights) in weights.iter().enumerate() {
+            let near = weights.len() / 2;
             rows[sample] = near as f64;
+            for (tap, weight) in weights.iter().enumerate() {
+                rows[(1 + reach - near + tap) * samples + sample] = *weight;
+            }
         }
         Self {
             reach,
             rows: Numbers::new(rows),
-            least_share: if requested > widest { widest / requested } else { 1.0 },
+            least_share: 1.0,
             samples,
         }
     }
@@ -75,6 +89,12 @@ impl LateralKernel {
     /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
     pub fn at(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
         (1..=2 * self.reach + 1).map(move |row| self.rows.of::<f64>()[row * self.samples + sample])
+    }
+
+    /// Weights at one depth, as far as they reach there.
+    pub(super) fn near(&self, sample: usize) -> Vec<f64> {
+        let near = self.rows.of::<f64>()[sample] as usize;
+        self.at(sample).skip(self.reach - near).take(2 * near + 1).collect()
     }
 }
 
@@ -122,10 +142,9 @@ impl LateralKernel {
         let samples = self.samples;
         let [sum] = self.sums(line_and_count, start, |other| [&field[other * samples..][..samples]]);
         output.copy_from_slice(&sum[..output.len()]);
-        let across = self.across(line_and_count, start);
-        if across.clone().count() < 2 * self.widest(start) + 1 {
+        if self.is_truncated(line_and_count, start) {
             let mut norm = [T::zero(); BLOCK];
-            for other in across {
+            for other in self.across(line_and_count, start) {
                 for (norm, weight) in norm
                     .iter_mut()
                     .zip(self.row(other + self.reach - line_and_count[0], start))
@@ -137,6 +156,24 @@ impl LateralKernel {
                 *mean /= norm;
             }
         }
+    }
+
+    /// Sums of the squares of those weights of [`sums`](Self::sums) that fall on a scanline.
+    #[inline(always)]
+    pub(super) fn squares<T: Real>(&self, [line, lines]: [usize; 2], start: usize) -> [T; BLOCK] {
+        let mut sums = [T::zero(); BLOCK];
+        for other in self.across([line, lines], start) {
+            for (sum, weight) in sums.iter_mut().zip(self.row::<T>(other + self.reach - line, start)) {
+                *sum += *weight * *weight;
+            }
+        }
+        sums
+    }
+
+    /// Whether the kernel reaches beyond the first or last scanline at a block of samples.
+    #[inline(always)]
+    pub(super) fn is_truncated(&self, line_and_count: [usize; 2], start: usize) -> bool {
+        self.across(line_and_count, start).count() < 2 * self.widest(start) + 1
     }
 
     /// Scanlines that a block of samples needs.
@@ -176,17 +213,17 @@ fn block<T>(row: &[T]) -> &[T; BLOCK] {
 
 /// A sampled Gaussian of `2 * reach + 1` taps that sums to 1; a single spike for a vanishing width.
 pub fn gaussian(sigma: f64, reach: usize) -> Vec<f64> {
-    let centre = reach as f64;
-    let raw: Vec<f64> = (0..=2 * reach)
-        .map(|tap| {
-            let away = tap as f64 - centre;
+    let half: Vec<f64> = (0..=reach)
+        .map(|away| {
             if sigma < 1e-3 {
-                f64::from(u8::from(away == 0.0))
+                f64::from(u8::from(away == 0))
             } else {
+                let away = away as f64;
                 (-away * away / (2.0 * sigma * sigma)).exp()
             }
         })
         .collect();
+    let raw: Vec<f64> = (0..=2 * reach).map(|tap| half[tap.abs_diff(reach)]).collect();
     let sum: f64 = raw.iter().sum();
     raw.into_iter().map(|weight| weight / sum).collect()
 }

@@ -92,9 +92,13 @@ impl Receiver {
         let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
             self.clutter_power(depth_mm, key.attenuation_db_cm)
         });
-        for (index, power) in table.iter_mut().enumerate() {
-            let depth_mm = grid.sample_depth_mm(index % grid.samples());
-            *power += self.ring_down_power(depth_mm, key.frequency_mhz) as f32;
+        let ring_down = |sample: usize| self.ring_down_power(grid.sample_depth_mm(sample), key.frequency_mhz) as f32;
+        let ring_down: Vec<f32> = (0..grid.samples()).map(ring_down).collect();
+        for scanline in table.chunks_mut(grid.samples()) {
+            scanline
+                .iter_mut()
+                .zip(&ring_down)
+                .for_each(|(power, ring_down)| *power += ring_down);
         }
         table
     }

@@ -208,12 +208,8 @@ impl Tables {
     ) -> Result<Vec<&'static Buffer>, SynthError> {
         // What can fail, before anything is changed.
         settings.effects.validate()?;
-        let probe = self.settings.probe != settings.probe;
-        let grid = if probe {
-            BeamGrid::new(&settings.probe)?
-        } else {
-            self.grid.clone()
-        };
+        let grid = BeamGrid::new(&settings.probe)?;
+        let regrid = grid != self.grid;
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings)?;
         let retissue = !Arc::ptr_eq(tissues, &self.anatomy.tissues);
@@ -231,7 +227,7 @@ impl Tables {
         if let Some(anatomy) = retissued {
             self.anatomy = anatomy;
         }
-        let remap = probe || image_grid != self.image_grid;
+        let remap = regrid || image_grid != self.image_grid;
         self.settings = settings;
         self.grid = grid;
         self.image_grid = image_grid;
@@ -240,7 +236,7 @@ impl Tables {
             self.scan_map = clamped_scan_map(&self.grid, &self.image_grid);
             changed.push(&SCAN_MAP);
         }
-        if probe {
+        if regrid {
             self.rays = rays(&self.grid);
             changed.push(&RAYS);
         }

@@ -1,5 +1,6 @@
 use super::*;
 use crate::anatomies;
+use crate::effects::buffers::{RAYS, SCAN_MAP};
 use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_mesh::TetMesh;
@@ -118,6 +119,20 @@ fn poses_that_are_not_rigid_are_refused() {
         assert!(expected.image_to_world != before.image_to_world);
         assert_eq!(synth.render(&good).unwrap(), &before);
     }
+}
+
+#[test]
+fn scan_map_and_rays_are_derived_anew_with_the_grid_alone() {
+    let (mut synth, _) = scene(Backend::Cpu);
+    let mut changed = |change: fn(&mut Settings)| {
+        let mut settings = synth.settings().clone();
+        change(&mut settings);
+        let changed = synth.set(settings).unwrap();
+        [&SCAN_MAP, &RAYS].map(|buffer| changed.contains(&buffer))
+    };
+    assert_eq!(changed(|settings| settings.probe.frequency_mhz *= 1.2), [false; 2]);
+    assert_eq!(changed(|settings| settings.image.margin = 0.1), [true, false]);
+    assert_eq!(changed(|settings| settings.probe.depth_mm *= 1.2), [true; 2]);
 }
 
 /// A scene without a needle, states of which those from `first` on have one in the plane, and the frames of a scene

@@ -6,10 +6,11 @@
 
 use std::f64::consts::TAU;
 
-use crate::effects::lateral::{FWHM_PER_SIGMA, MAX_SIGMA, gaussian};
+use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
 use crate::effects::point_spread::PointSpread;
-use insonify_base::parallel::{self, chunks_mut, for_each};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::{hash3, seed_words};
+use insonify_base::simd::{Kernel, array, map, vectorised};
 use insonify_tracking::probe::BeamGrid;
 
 /// Lateral length relative to that of the point spread.
@@ -19,10 +20,10 @@ const TO_A_CELL: f64 = 1.0;
 /// Standard deviation of the bands, dB, and their thickness, mm.
 const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
+/// Number of values of a drawn word.
+const WORDS: f64 = 4_294_967_296.0;
 /// Stream that separates these draws from others with the same seed.
 const STREAM: u32 = 0x0c1a_77e2;
-
-type Complex = [f64; 2];
 
 /// Power at each sample, scanline by scanline, of mean `power(depth_mm)`.
 pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: impl Fn(f64) -> f64) -> Vec<f32> {
@@ -40,55 +41,136 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
     let means: Vec<f64> = (0..samples)
         .map(|sample| bands[sample] * power(grid.sample_depth_mm(sample)))
         .collect();
-    let share = |sample: usize| (TO_A_CELL / (width(&axial) * width(&across[sample]))).min(1.0);
-    let shares: Vec<f64> = (0..samples).map(share).collect();
+    let axial_width = width(&axial);
+    let share = |across: &Vec<f64>| (TO_A_CELL / (axial_width * width(across))).min(1.0);
+    let shares: Vec<f64> = across.iter().map(share).collect();
+    let limits: Vec<u64> = shares.iter().map(|share| (share * WORDS).ceil() as u64).collect();
     // The kernel is separable: along each scanline first, where it is the same at all depths, then across, where it
     // widens with depth.
     let norms = norms(&axial, samples);
-    let scanlines: Vec<Vec<Complex>> = parallel::map(0..lines, &|line| {
-        let mut scanline = vec![[0.0; 2]; samples];
-        let reach = axial.len() / 2;
-        for (sample, share) in shares.iter().enumerate() {
-            let Some([re, im]) = echo([line as i32, sample as i32], *share, seed) else {
-                continue;
-            };
-            let reached = sample.saturating_sub(reach)..=(sample + reach).min(samples - 1);
-            for (index, sum) in reached.clone().zip(&mut scanline[reached]) {
-                let weight = axial[sample + reach - index];
-                *sum = [sum[0] + weight * re, sum[1] + weight * im];
-            }
-        }
-        for (sum, norm) in scanline.iter_mut().zip(&norms) {
-            *sum = sum.map(|part| part / norm);
-        }
-        scanline
+    // Of each scanline its real parts, then its imaginary parts.
+    let mut scanlines = vec![0.0; 2 * lines * samples];
+    for_each((0.., chunks_mut(&mut scanlines, 2 * samples)), &|(line, scanline)| {
+        let (re, im) = scanline.split_at_mut(samples);
+        vectorised(Along {
+            line,
+            seed,
+            axial: &axial,
+            shares: &shares,
+            limits: &limits,
+            norms: &norms,
+            parts: [re, im],
+        });
     });
-    // By the distance in scanlines, 0 beyond the kernel of a depth: loops along a scanline then have no branches.
-    let reach = across.iter().map(|kernel| kernel.len() / 2).max().unwrap_or(0);
-    let weights: Vec<Vec<f64>> = (0..=2 * reach)
-        .map(|offset| {
-            let weight = |kernel: &Vec<f64>| {
-                let index = (offset + kernel.len() / 2).checked_sub(reach)?;
-                kernel.get(index).copied()
-            };
-            across.iter().map(|kernel| weight(kernel).unwrap_or(0.0)).collect()
-        })
-        .collect();
+    let across = LateralKernel::of(&across);
+    let all = [across.reach, 2 * across.reach + 1];
+    let whole = (0..samples)
+        .step_by(BLOCK)
+        .flat_map(|start| across.squares::<f64>(all, start));
+    let whole: Vec<f64> = whole.map(f64::sqrt).collect();
     let mut clutter = vec![0.0; lines * samples];
     for_each((0.., chunks_mut(&mut clutter, samples)), &|(line, clutter)| {
-        let mut sums = vec![[0.0; 3]; samples];
-        for other in line.saturating_sub(reach)..=(line + reach).min(lines - 1) {
-            let weights = &weights[other + reach - line];
-            for ((sum, weight), [re, im]) in sums.iter_mut().zip(weights).zip(&scanlines[other]) {
-                *sum = [sum[0] + weight * re, sum[1] + weight * im, sum[2] + weight * weight];
-            }
-        }
-        for ((clutter, [re, im, power]), mean) in clutter.iter_mut().zip(sums).zip(&means) {
-            let [re, im] = [re, im].map(|part| part / power.sqrt());
-            *clutter = (mean * (re * re + im * im)) as f32;
-        }
+        vectorised(Across {
+            kernel: &across,
+            scanlines: &scanlines,
+            line_and_count: [line, lines],
+            means: &means,
+            norms: &whole,
+            clutter,
+        });
     });
     clutter
+}
+
+/// Echoes of a scanline, spread along it.
+struct Along<'a> {
+    line: usize,
+    seed: [u32; 2],
+    axial: &'a [f64],
+    /// Probability of an echo at each sample, and the word from which on there is none.
+    shares: &'a [f64],
+    limits: &'a [u64],
+    norms: &'a [f64],
+    /// Real and imaginary parts, 0 before.
+    parts: [&'a mut [f64]; 2],
+}
+
+impl Kernel for Along<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let (samples, reach) = (self.norms.len(), self.axial.len() / 2);
+        let [re, im] = self.parts;
+        for start in (0..samples).step_by(BLOCK) {
+            // All are drawn at once, in vector registers; few have an echo.
+            let mut words = [[0; 2]; BLOCK];
+            for (i, words) in words.iter_mut().enumerate() {
+                let [drawn, phase, _] = hash3([self.line as i32, (start + i) as i32, 0], self.seed);
+                *words = [drawn, phase];
+            }
+            let limits = &self.limits[start..samples.min(start + BLOCK)];
+            for (i, ([drawn, phase], limit)) in words.into_iter().zip(limits).enumerate() {
+                if u64::from(drawn) >= *limit {
+                    continue;
+                }
+                let sample = start + i;
+                let echo = echo(phase, self.shares[sample]);
+                let reached = sample.saturating_sub(reach)..(sample + reach + 1).min(samples);
+                let weights = &self.axial[reached.start + reach - sample..];
+                for (part, echo) in [&mut *re, &mut *im].into_iter().zip(echo) {
+                    for (sum, weight) in part[reached.clone()].iter_mut().zip(weights) {
+                        *sum += weight * echo;
+                    }
+                }
+            }
+        }
+        for part in [re, im] {
+            for (sum, norm) in part.iter_mut().zip(self.norms) {
+                *sum /= norm;
+            }
+        }
+    }
+}
+
+/// Power of a scanline, spread across the others.
+struct Across<'a> {
+    kernel: &'a LateralKernel,
+    /// Real, then imaginary parts of each.
+    scanlines: &'a [f64],
+    /// Index of the scanline, and number of scanlines.
+    line_and_count: [usize; 2],
+    /// Mean power at each sample.
+    means: &'a [f64],
+    /// Roots of the sums of squares of the weights at each sample, of a kernel that no edge truncates.
+    norms: &'a [f64],
+    clutter: &'a mut [f32],
+}
+
+impl Kernel for Across<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let samples = self.means.len();
+        let parts = |line: usize| {
+            let part = |part: usize| &self.scanlines[(2 * line + part) * samples..][..samples];
+            [part(0), part(1)]
+        };
+        let blocks = self.clutter.chunks_mut(BLOCK).zip(self.means.chunks(BLOCK));
+        for (block, (clutter, means)) in blocks.enumerate() {
+            let start = block * BLOCK;
+            let [re, im] = self.kernel.sums(self.line_and_count, start, parts);
+            let mut norms: [f64; BLOCK] = array(|i| self.norms[start + i]);
+            if self.kernel.is_truncated(self.line_and_count, start) {
+                norms = map(self.kernel.squares(self.line_and_count, start), f64::sqrt);
+            }
+            for i in 0..clutter.len() {
+                let (re, im) = (re[i] / norms[i], im[i] / norms[i]);
+                clutter[i] = (means[i] * (re * re + im * im)) as f32;
+            }
+        }
+    }
 }
 
 /// Gaussian kernel of a width (full, at half maximum of its square's autocorrelation) in samples.
@@ -118,14 +200,10 @@ fn norms(kernel: &[f64], count: usize) -> Vec<f64> {
     (0..count).map(norm).collect()
 }
 
-/// An echo of mean power 1 that is present with probability `share`.
-fn echo([line, sample]: [i32; 2], share: f64, seed: [u32; 2]) -> Option<Complex> {
-    let [drawn, phase, _] = hash3([line, sample, 0], seed).map(|word| f64::from(word) / 2f64.powi(32));
-    if drawn >= share {
-        return None;
-    }
-    let (sine, cosine) = (TAU * phase).sin_cos();
-    Some([cosine, sine].map(|part| part / share.sqrt()))
+/// Parts of an echo of a drawn phase, of mean power 1 where it is present with probability `share`.
+fn echo(phase: u32, share: f64) -> [f64; 2] {
+    let (sine, cosine) = (TAU * (f64::from(phase) / WORDS)).sin_cos();
+    [cosine, sine].map(|part| part / share.sqrt())
 }
 
 /// Log-normal factor on the power at each sample depth, of mean 1.

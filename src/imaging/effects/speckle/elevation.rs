@@ -1,5 +1,7 @@
 //! Elevational point spread: number, distance and weights of the sub-planes from which scatterers are gathered.
 
+use std::sync::OnceLock;
+
 use super::power::lattice_correlation;
 use super::tables::MAX_PLANES;
 
@@ -41,22 +43,33 @@ impl Elevation {
     /// Smallest number of sub-planes whose echo intensity has a correlation of full width at half maximum `width`
     /// lattice steps; the closest one if none has it.
     pub(crate) fn of_width(width: f64) -> Self {
-        let mut best = (f64::INFINITY, Self::spaced(FEWEST, DISTANCES[0].1[0]));
+        let mut best = (f64::INFINITY, &Self::candidates(FEWEST)[0].1);
         for count in FEWEST..=MAX_PLANES {
-            for (_, [low, high]) in DISTANCES.into_iter().filter(|(from, _)| count >= *from) {
-                for step in 0..=((high - low) / STEP).round() as usize {
-                    let candidate = Self::spaced(count, low + step as f64 * STEP);
-                    let error = (candidate.width() / width - 1.0).abs();
-                    if error < best.0 {
-                        best = (error, candidate);
-                    }
+            for (reached, candidate) in Self::candidates(count) {
+                let error = (reached / width - 1.0).abs();
+                if error < best.0 {
+                    best = (error, candidate);
                 }
             }
             if best.0 <= TOLERANCE {
                 break;
             }
         }
-        best.1
+        best.1.clone()
+    }
+
+    /// What is tried with a number of sub-planes, with its widths: the same for all probes.
+    fn candidates(count: usize) -> &'static [(f64, Self)] {
+        static CANDIDATES: [OnceLock<Vec<(f64, Elevation)>>; MAX_PLANES + 1] =
+            [const { OnceLock::new() }; MAX_PLANES + 1];
+        CANDIDATES[count].get_or_init(|| {
+            let ranges = DISTANCES.into_iter().filter(|(from, _)| count >= *from);
+            let distances = ranges.flat_map(|(_, [low, high])| {
+                (0..=((high - low) / STEP).round() as usize).map(move |step| low + step as f64 * STEP)
+            });
+            let candidates = distances.map(|distance| Self::spaced(count, distance));
+            candidates.map(|candidate| (candidate.width(), candidate)).collect()
+        })
     }
 
     fn spaced(count: usize, spacing: f64) -> Self {

@@ -43,32 +43,51 @@ fn averaged_correlation(steps: f64) -> f64 {
     (0..PLACES).map(correlation_at).sum::<f64>() / PLACES as f64
 }
 
-/// Mean power of a weighted sum of values of unit power with a given correlation.
-pub(super) fn power(weights: &[f64], correlation: impl Fn(f64) -> f64) -> f64 {
-    let by_distance: Vec<f64> = (0..weights.len()).map(|steps| correlation(steps as f64)).collect();
+/// Correlations at up to `count` whole distances in steps, as far as there are any.
+pub(super) fn correlations(count: usize, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
+    let by_distance = (0..count).map(|steps| correlation(steps as f64));
+    by_distance.take_while(|correlation| *correlation > 0.0).collect()
+}
+
+/// Mean power of a weighted sum of values of unit power with given [`correlations`].
+pub(super) fn power(weights: &[f64], correlations: &[f64]) -> f64 {
     let row = |i: usize| -> f64 {
-        weights
-            .iter()
-            .enumerate()
-            .map(|(j, w)| w * by_distance[i.abs_diff(j)])
-            .sum()
+        let others = (i + 1).saturating_sub(correlations.len())..(i + correlations.len()).min(weights.len());
+        others.map(|j| weights[j] * correlations[i.abs_diff(j)]).sum()
     };
     weights.iter().enumerate().map(|(i, w)| w * row(i)).sum()
 }
 
 /// Factor that restores the mean power of a kernel of unit power at index `index` of `count`, truncated at both
 /// ends.
-pub(super) fn restored(weights: &[f64], index: usize, count: usize, correlation: impl Fn(f64) -> f64) -> f64 {
+pub(super) fn restored(weights: &[f64], index: usize, count: usize, correlations: &[f64]) -> f64 {
     let reach = weights.len() / 2;
     let first = reach.saturating_sub(index);
     let last = (count - index + reach).min(weights.len());
     if last - first == weights.len() {
         return 1.0;
     }
-    1.0 / power(&weights[first..last], correlation).sqrt()
+    1.0 / power(&weights[first..last], correlations).sqrt()
 }
 
 pub(super) fn unit_power(weights: Vec<f64>, correlation: impl Fn(f64) -> f64) -> Vec<f64> {
-    let scale = 1.0 / power(&weights, correlation).sqrt();
+    let scale = 1.0 / power(&weights, &correlations(weights.len(), correlation)).sqrt();
     weights.into_iter().map(|weight| weight * scale).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn power_is_the_sum_over_all_pairs() {
+        let weights: Vec<f64> = (0..23).map(|i| (f64::from(i) * 1.7).sin().abs()).collect();
+        for step in [0.01, 0.3, 0.7, 1.9, 2.5] {
+            let of = |steps: f64| lattice_correlation(steps * step);
+            let pair = |i: usize, j: usize| weights[i] * weights[j] * of(i.abs_diff(j) as f64);
+            let all: f64 = (0..23).map(|i| (0..23).map(|j| pair(i, j)).sum::<f64>()).sum();
+            let banded = power(&weights, &correlations(weights.len(), of));
+            assert!((banded / all - 1.0).abs() < 1e-12, "{step}: {banded} {all}");
+        }
+    }
 }

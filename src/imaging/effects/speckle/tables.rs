@@ -1,7 +1,7 @@
 //! Lattice, kernels and factors of the speckle of a probe at given settings.
 
 use super::elevation::Elevation;
-use super::power::{lattice_correlation, power, restored, unit_power};
+use super::power::{correlations, lattice_correlation, power, restored, unit_power};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
 use crate::effects::point_spread::PointSpread;
 use insonify_base::parallel;
@@ -74,8 +74,9 @@ impl SpeckleTables {
         let axial_reach = (3.0 * axial_sigma).ceil() as usize;
         let along = |steps: f64| correlation(steps * sample_mm);
         let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
+        let correlated = correlations(axial.len(), along);
         let ends = (0..grid.samples())
-            .map(|sample| restored(&axial, sample, grid.samples(), along))
+            .map(|sample| restored(&axial, sample, grid.samples(), &correlated))
             .collect();
 
         let widest = grid
@@ -91,11 +92,12 @@ impl SpeckleTables {
         let fine_mm =
             |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
         let sigma = |sample: usize| left(spread.lateral_at(grid.sample_depth_mm(sample))) / fine_mm(sample);
-        let scale =
-            |sample: usize, weights: &[f64]| 1.0 / power(weights, |steps| correlation(steps * fine_mm(sample))).sqrt();
+        let across =
+            |sample: usize, weights: &[f64]| correlations(weights.len(), |steps| correlation(steps * fine_mm(sample)));
+        let scale = |sample: usize, weights: &[f64]| 1.0 / power(weights, &across(sample, weights)).sqrt();
         let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
         let fine_lines = (grid.lines() - 1) * oversampling + 1;
-        let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.at(sample).collect()).collect();
+        let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.near(sample)).collect();
         let step = step_weight(&axial);
         // The kernels have unit power for scatterers, whose phases are random. A surface adds up coherently: its gain,
         // the sum of the weights and not the root of their squares, is undone.
@@ -105,11 +107,13 @@ impl SpeckleTables {
             .collect();
         // Both ends of the array are alike: one row of factors serves either side.
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
-        let edges = parallel::map(0..edge_lines * grid.samples(), &|index| {
-            let (line, sample) = (index / grid.samples(), index % grid.samples());
-            let across = |steps: f64| correlation(steps * fine_mm(sample));
-            restored(&by_depth[sample], line * oversampling, fine_lines, across)
+        let edges_by_depth = parallel::map(0..grid.samples(), &|sample| {
+            let (weights, correlated) = (&by_depth[sample], across(sample, &by_depth[sample]));
+            let edge = |line: usize| restored(weights, line * oversampling, fine_lines, &correlated);
+            (0..edge_lines).map(edge).collect::<Vec<_>>()
         });
+        let edges = (0..edge_lines).flat_map(|line| edges_by_depth.iter().map(move |edges| edges[line]));
+        let edges = Numbers::new(edges.collect());
         Self {
             spread,
             lattice_mm,
@@ -125,7 +129,7 @@ impl SpeckleTables {
             ends: Numbers::new(ends),
             specular: Numbers::new(specular),
             lateral,
-            edges: Numbers::new(edges),
+            edges,
         }
     }
 
