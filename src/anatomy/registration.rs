@@ -452,6 +452,9 @@ pub fn unit_doubt(surface: &[Point3<f64>], skin: &Skin) -> Option<(String, Optio
     };
     let [surface_mm, skin_mm] = [longest(surface), longest(skin.points())];
     let ratio = skin_mm / surface_mm;
+    if surface.len() < MIN_POINTS {
+        return None;
+    }
     let whole = UNITS.into_iter().find(|(_, mm, _)| (ratio / mm).ln().abs() < SAME);
     let part = (surface_mm < PART_MM && ratio > UNITS[0].1).then_some(UNITS[0]);
     let (unit, mm, flag) = whole.or(part)?;

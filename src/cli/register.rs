@@ -148,22 +148,38 @@ impl Register {
             accuracy_mm: self.landmark_mm,
         };
         let targets = centres(&volume, labels);
-        if let Some((doubt, unit)) = unit_doubt(&surface, &skin) {
+        let registration = stage::during("registering", || {
+            register(&surface, &skin, &corners(&volume), known, &targets)
+        });
+        let unit = unit_doubt(&surface, &skin).map(|(doubt, unit)| {
             let remedy = match unit.filter(|_| self.has_triangles()) {
                 Some(unit) => format!("state its unit with --unit {unit}"),
                 None => "write it in mm".to_owned(),
             };
-            terminal::warn(format_args!("{doubt}: {remedy}"));
-        }
-        let registration = stage::during("registering", || {
-            register(&surface, &skin, &corners(&volume), known, &targets)
-        })?;
+            (doubt, remedy)
+        });
         // Before the volume is resampled, which takes long and is useless under a wrong map.
-        doubt(&registration, surface.len(), self.force)?;
-        self.doubt_axes(&registration, world);
+        let registration = match (registration, unit) {
+            (registration, None) => {
+                let registration = registration?;
+                doubt(&registration, surface.len(), self.force)?;
+                self.doubt_axes(&registration, world);
+                registration
+            }
+            // In a wrong unit nothing else fits either.
+            (Ok(registration), Some((doubt, remedy))) if fits(&registration) || self.force.is_given() => {
+                terminal::warn(format_args!("{doubt}: {remedy}"));
+                registration
+            }
+            (_, Some((doubt, remedy))) => return Err(usage(doubt, remedy)),
+        };
         let map = &registration.quadratic.map;
         if let Some(output) = &self.output {
-            save(&stage::during("warping the labels", || resample(&volume, map))?, output)?;
+            let resampled = stage::during("warping the labels", || resample(&volume, map))?;
+            if let Some(note) = cubes(&volume, &resampled) {
+                terminal::note(format_args!("{}: {note}", output.display()));
+            }
+            save(&resampled, output)?;
         }
         output::requested(&self.fit, || Ok::<_, Error>(map.toml()))?;
         if let (Some(mesh), Some(output)) = (&self.mesh, &self.mesh_output) {
@@ -302,6 +318,26 @@ fn centres(volume: &LabelVolume, labels: usize) -> Vec<(String, Point3<f64>)> {
     labels.filter_map(centre).collect()
 }
 
+/// Note about the voxels of a resampled volume, where those before were no cubes.
+fn cubes(volume: &LabelVolume, resampled: &LabelVolume) -> Option<String> {
+    let edges_mm =
+        |volume: &LabelVolume| [0, 1, 2].map(|axis| volume.index_to_world().fixed_view::<3, 1>(0, axis).norm());
+    let ([x, y, z], [edge_mm, ..]) = (edges_mm(volume), edges_mm(resampled));
+    let [columns, rows, slices] = resampled.size();
+    let is_cube = [x, y, z].iter().all(|mm| (mm / edge_mm - 1.0).abs() < 0.01);
+    (!is_cube).then(|| {
+        format!(
+            "{columns} x {rows} x {slices} cubes of {edge_mm:.2} mm, which have the volume of the voxels of {x:.2} x {y:.2} x {z:.2} mm \
+             in the file"
+        )
+    })
+}
+
+/// Whether the surface comes near enough to the skin.
+fn fits(registration: &Registration) -> bool {
+    registration.quadratic.rms_mm <= MAX_RMS_MM
+}
+
 /// Tells what makes a registration of `count` surface points doubtful, and refuses it if it is wrong.
 fn doubt(registration: &Registration, count: usize, force: Force) -> Result<(), Error> {
     // A part of the skin resembles others, so that its shape alone may lead the start to the wrong place.
@@ -324,7 +360,7 @@ fn doubt(registration: &Registration, count: usize, force: Force) -> Result<(), 
         ));
     }
     let rms_mm = registration.quadratic.rms_mm;
-    if rms_mm > MAX_RMS_MM {
+    if !fits(registration) {
         let text = format!("the surface remains {rms_mm:.1} mm (RMS) from the skin: a different body, or a poor start");
         if !force.is_given() {
             let help = format!(
@@ -385,4 +421,30 @@ fn carry(path: &Path, output: &Path, map: &Quadratic) -> Result<(), Error> {
         source,
     })?;
     Ok(write_vtu_with(output, &moved, &file.region_names, &[], &[])?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn voxels_that_become_cubes_are_told() {
+        let volume = |spacing_mm: [f64; 3]| {
+            let background = Label {
+                value: 0,
+                name: None,
+                voxels: 8,
+            };
+            let index_to_world = nalgebra::Matrix4::new_nonuniform_scaling(&spacing_mm.into());
+            LabelVolume::new([2; 3], vec![0; 8], vec![background], index_to_world).expect("a volume")
+        };
+        let resampled = volume([2.0; 3]);
+        assert_eq!(
+            cubes(&volume([1.0, 1.0, 8.0]), &resampled).as_deref(),
+            Some(
+                "2 x 2 x 2 cubes of 2.00 mm, which have the volume of the voxels of 1.00 x 1.00 x 8.00 mm in the file"
+            )
+        );
+        assert_eq!(cubes(&volume([2.0, 2.001, 2.0]), &resampled), None);
+    }
 }

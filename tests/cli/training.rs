@@ -198,9 +198,8 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
         a,70,60,110,240,50,115\nb,110,60,110,240,90,115\nc,70,80,150,220,50,155\n";
     bench.write("marks.csv", marks);
     let run = "register body.mha --no-complete --surface touched.csv --landmarks marks.csv";
-    let json = bench
-        .run(&format!("{run} --fit fit.toml --page fit.html -o fitted.nrrd --json"))
-        .json();
+    let fitted = bench.run(&format!("{run} --fit fit.toml --page fit.html -o fitted.nrrd --json"));
+    let json = fitted.json();
     assert!(
         // A third of a voxel.
         json["rigid"]["rms_mm"].as_f64().unwrap() < 0.6 && json["quadratic"]["rms_mm"].as_f64().unwrap() < 0.6,
@@ -230,6 +229,8 @@ fn anatomy_is_registered_and_a_scene_takes_the_registration() {
     };
     assert!(!targets.is_empty() && targets.iter().all(near), "{json}");
     assert!(bench.text("fit.html").contains("<circle"));
+    // Its voxels were cubes before.
+    assert!(!fitted.stderr.contains("cubes of"), "{fitted:?}");
     let info = bench.run("info fitted.nrrd --json").json();
     assert!(info.to_string().contains("\"value\":1"), "{info}");
     let scene = |more: &str| {
@@ -338,6 +339,12 @@ fn axes_and_units_of_surfaces_are_followed_or_questioned() {
         "{contradicted:?}"
     );
     run("metres.obj").fails(2, &["metres.obj", "in metres it is", "`--unit m`"]);
+    // In a wrong unit nothing else fits either: one cause, no advice on points.
+    turned(&bench, "cm.obj", "# SPACE=RAS\n", 0.1);
+    let cm = run("cm.obj");
+    cm.fails(2, &["in centimetres it would be", "state its unit with --unit cm"]);
+    assert!(!cm.stderr.contains("touch") && !cm.stderr.contains("warning"), "{cm:?}");
+    run("cm.obj --unit cm").text();
     let metres = run("metres.obj --unit m --json").json();
     let (metres, millimetres) = (
         metres["quadratic"]["rms_mm"].as_f64(),

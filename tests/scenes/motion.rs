@@ -116,6 +116,9 @@ fn a_recording_gives_a_frame_for_each_valid_pose() {
     let scene = resolve(&sequence(&format!("plus_config = {config:?}"))).expect("scene");
     assert_eq!(scene.frames(), 21);
     let bare = resolve(&sequence("")).expect("scene");
+    let tells = |scene: &Scene| scene.notes.iter().any(|note| note.contains("no calibration is stated"));
+    let stated = resolve(&sequence("transducer_to_probe = \"1 0 0 0 0 1 0 0 0 0 1 0 0 0 0 1\"")).expect("scene");
+    assert_eq!([&bare, &scene, &stated].map(tells), [true, false, false]);
     let moved = scene.probe_pose(0, 21).position_mm() - bare.probe_pose(0, 21).position_mm();
     assert!(moved.norm() > 5.0, "the calibration moves the array: {moved}");
     assert!(
@@ -190,6 +193,13 @@ fn transforms_named_after_nodes_can_be_named() {
         "{:?}",
         scene.warnings
     );
+    // The poses of an array need no calibration.
+    let (_folder, of_array) = poses("TransducerToTrackerTransform = 1 0 0 5 0 1 0 6 0 0 1 Z 0 0 0 1");
+    let of_array = small(&format!(
+        "[motion.sequence]\nfile = {of_array}\ntransform = \"TransducerToTracker\""
+    ));
+    let notes = resolve(&of_array).expect("scene").notes;
+    assert!(!notes.iter().any(|note| note.contains("calibration")), "{notes:?}");
     // One that is not there is refused with the list.
     let error = fault(&sequence("transform = \"LinearTransform_4\""));
     assert_eq!(error.key(), Some("motion.sequence.transform"));

@@ -164,6 +164,13 @@ impl SceneFile {
                  calibrated"
             )
         }));
+        // Poses of `TransducerToTracker` are those of the array.
+        if calibration.is_none() && spec.transducer_to_probe.is_none() && marker != "Transducer" {
+            notes.push(format!(
+                "{KEY}: no calibration is stated: the array is taken to be where the marker of `{transform}` is, with its axes; state \
+                 `transducer_to_probe`, `image_to_probe` with `array_centre_px`, or `plus_config`"
+            ));
+        }
         let stated = spec.transducer_to_probe.map_or_else(Matrix4::identity, |rows| rows.0);
         let recording = Recording {
             frames: sequence.frames,
