@@ -53,6 +53,16 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
             "[probe]\nradius_mm = 10\ndepth_mm = 40".to_owned(),
         ),
         (
+            "[probe]\ndepth_mm = 0.12".to_owned(),
+            &["probe.depth_mm = 0.12: in m?"],
+            "[probe]\ndepth_mm = 120".to_owned(),
+        ),
+        (
+            "[needle]\ntip_mm = [-0.038, -0.04, -0.016]\nentry_mm = [-0.038, -0.094, -0.016]".to_owned(),
+            &["needle.entry_mm and tip_mm are 0.05 mm apart: in m or cm?"],
+            "[needle]\ntip_mm = [-38, -40, -16]\nentry_mm = [-38, -42, -16]".to_owned(),
+        ),
+        (
             attenuation("liver", 50.0),
             &["\"liver\": attenuation_db_cm_mhz = 50", "at most 3"],
             attenuation("liver", 2.9),

@@ -102,6 +102,11 @@ impl Quadratic {
     pub fn read(path: &Path) -> Result<Self, VolumeError> {
         let text = read::text(path, read::TOML).map_err(|cause| VolumeError::read(path, cause))?;
         let wrong = |found: String| VolumeError::new(format!("{}: {found}", path.display()));
+        if text.starts_with("#Insight Transform File") {
+            let found = "a transform of ITK; expected a file that `insonify register --fit` writes: in 3D Slicer harden the \
+                         transform on the segmentation, and export that";
+            return Err(wrong(found.to_owned()));
+        }
         let file: File =
             toml::from_str(&text).map_err(|error| wrong(format!("no registration: {}", error.message())))?;
         if file.version != 1 {

@@ -321,6 +321,7 @@ fn maps_are_written_and_read() {
         ),
         (map.toml() + "more = 1\n", "no registration"),
         ("volume = 3".to_owned(), "no registration"),
+        ("#Insight Transform File V1.0\n".to_owned(), "a transform of ITK"),
     ] {
         std::fs::write(&path, text).unwrap();
         let error = Quadratic::read(&path).unwrap_err().to_string();

@@ -4,6 +4,7 @@ use nalgebra::Point3;
 
 use super::Scene;
 use super::motion::Needle;
+use super::paths::NeedleTable;
 use super::resolve::{UNITS, scaled, sees};
 use super::target::Body;
 use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
@@ -26,6 +27,9 @@ const OF_USUAL: f64 = 0.13;
 /// Distance behind the tip at which a reversed needle lies in the body, and distance beyond it at which it does not, mm.
 const WITHIN_MM: f64 = 10.0;
 const BEYOND_MM: f64 = 2.0;
+
+/// Distance of a needle's tip from a point of its shaft up to which they may be in another unit, mm.
+const APART_MM: f64 = 1.0;
 
 /// Depth of tissue behind an array from which it lies within the body, mm: more than indented skin.
 const BEHIND_MM: f64 = 20.0;
@@ -76,7 +80,7 @@ pub(super) fn thin_parts(body: &Body<'_>) -> Option<String> {
             if hides[usize::from(label)] {
                 let [all, lost] = &mut counts[usize::from(label)];
                 *all += 1;
-                *lost += u64::from(smooth_label(volume, index) != label);
+                *lost += u64::from(!keeps(volume, index));
             }
         }
         counts
@@ -98,19 +102,28 @@ pub(super) fn thin_parts(body: &Body<'_>) -> Option<String> {
     })
 }
 
-/// Label at the centre of a voxel by the weights of cubic B-splines, the lowest of equals.
-fn smooth_label(volume: &LabelVolume, index: [usize; 3]) -> u8 {
+/// Whether a voxel keeps its label by the weights of cubic B-splines at its centre, of which the largest counts and of
+/// equals that of the lowest label.
+fn keeps(volume: &LabelVolume, index: [usize; 3]) -> bool {
     let size = volume.size();
-    let mut weights = [0u16; 256];
-    for neighbour in 0..27 {
+    let label_at = |index: [usize; 3]| volume.voxels()[volume.offset(index)];
+    let around: [(u8, u16); 27] = std::array::from_fn(|neighbour| {
         let steps = [neighbour % 3, neighbour / 3 % 3, neighbour / 9];
         let near = [0, 1, 2].map(|axis| (index[axis] + steps[axis]).clamp(1, size[axis]) - 1);
-        let label = volume.voxels()[volume.offset(near)];
-        weights[usize::from(label)] += steps.map(|step| [1, 4, 1][step]).iter().product::<u16>();
-    }
-    let more = |a: &(u8, u16), b: &(u8, u16)| a.1.cmp(&b.1).then(b.0.cmp(&a.0));
-    let heaviest = (0..=u8::MAX).zip(weights).max_by(more);
-    heaviest.map_or(0, |(label, _)| label)
+        (label_at(near), steps.map(|step| [1, 4, 1][step]).iter().product())
+    });
+    let label = label_at(index);
+    let weight = |label: u8| -> u16 {
+        let same = around.iter().filter(|(other, _)| *other == label);
+        same.map(|(_, weight)| weight).sum()
+    };
+    let own = weight(label);
+    // The weights sum to 216: more than half of them is the largest.
+    own > 108
+        || around.iter().all(|(other, _)| {
+            let more = weight(*other);
+            more < own || (more == own && *other >= label)
+        })
 }
 
 /// Doubts about the units of a probe.
@@ -124,8 +137,16 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
         numbers
     };
     let pairs = lengths(probe).into_iter().zip(lengths(&usual));
-    let small: Vec<[String; 2]> = pairs
-        .filter(|((_, stated), (_, usual))| *stated <= OF_USUAL * usual)
+    let small = pairs.filter(|((_, stated), (_, usual))| *stated <= OF_USUAL * usual);
+    let small: Vec<_> = small.collect();
+    // As many times the length as the usual one is: nearer to the 1000 of metres than to the 10 of centimetres.
+    let unit = if small.iter().all(|((_, stated), (_, usual))| usual / stated > 100.0) {
+        "m"
+    } else {
+        "cm"
+    };
+    let small: Vec<[String; 2]> = small
+        .into_iter()
         .map(|((key, stated), (_, usual))| [format!("probe.{key} = {stated}"), usual.to_string()])
         .collect();
     let all = |index: usize| {
@@ -134,7 +155,11 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
     };
     let mut doubts = Vec::new();
     if !small.is_empty() {
-        doubts.push(format!("{}: in cm? Usual for a {kind} probe is {} mm", all(0), all(1)));
+        doubts.push(format!(
+            "{}: in {unit}? Usual for a {kind} probe is {} mm",
+            all(0),
+            all(1)
+        ));
     }
     let lost_db = 2.0 * SOFT_TISSUE_DB_CM_MHZ * probe.frequency_mhz * probe.depth_mm / 10.0;
     if lost_db > SILENT_DB {
@@ -153,6 +178,13 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
         }
     }
     doubts
+}
+
+/// Doubt about the unit of a needle's points.
+pub(super) fn of_needle(needle: &NeedleTable) -> Option<String> {
+    let distance_mm = (Point3::from(needle.tip_mm?) - Point3::from(needle.entry_mm?)).norm();
+    (distance_mm < APART_MM)
+        .then(|| format!("needle.entry_mm and tip_mm are {distance_mm:.2} mm apart: in m or cm? They are taken in mm"))
 }
 
 impl Scene {

@@ -171,6 +171,7 @@ impl SceneFile {
             blind,
         };
         scene.warnings.extend(scene.unseen_needle());
+        scene.warnings.extend(self.needle.as_ref().and_then(doubts::of_needle));
         scene.warnings.extend(scene.reversed_needle());
         Ok(scene)
     }

@@ -105,9 +105,11 @@ impl Trajectory {
             let previous = keys.last();
             let (time_s, pose) = columns.read(&record, line, path, world, previous.map(|key| &key.pose))?;
             if check_time(row, time_s, previous.map(|key| key.time_s)).is_err() {
-                // The time of the first row is out of range.
-                let previous = previous.map_or(f64::NEG_INFINITY, |key| key.time_s);
-                let text = format!(", line {line}: `time_s` is {time_s}; expected a time after {previous}");
+                let expected = match previous {
+                    Some(key) if time_s <= key.time_s => format!("a time after {}", key.time_s),
+                    _ => "seconds, of at most 1e9: take off the time of the first row".to_owned(),
+                };
+                let text = format!(", line {line}: `time_s` is {time_s}; expected {expected}");
                 return Err(TrackingError::file(path, text));
             }
             keys.push(Key {
@@ -366,6 +368,10 @@ mod tests {
             (
                 format!("{head}0,0,0,0,0,1,0\n0,0,0,0,0,1,0"),
                 "line 3: `time_s` is 0; expected a time after 0",
+            ),
+            (
+                format!("{head}1700000000000,0,0,0,0,1,0"),
+                "line 2: `time_s` is 1700000000000; expected seconds, of at most 1e9",
             ),
             (head.to_owned(), "no rows"),
             (String::new(), "column `time_s` is missing"),
