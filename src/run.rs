@@ -40,6 +40,8 @@ pub struct Step<'a> {
     pub probe: Isometry3<f64>,
     /// Outcome of the step.
     pub outcome: &'a Outcome,
+    /// Forces of the tissue on the needle, base first.
+    pub loads: &'a [ShaftLoad],
     /// Force on the probe split between the two points that drive it, N, world axes; `None` for a probe without such
     /// points.
     pub driven: Option<[Vector3<f64>; 2]>,
@@ -276,6 +278,7 @@ pub fn run<O: Observer>(
     let mut view = View::new(scenario, model);
     let mut tally = Tally::new(scenario);
     let mut changes = scenario.level_changes().iter().peekable();
+    let mut loads = Vec::new();
     for number in 1..=timing.steps {
         // A change takes effect before the step that reaches its time.
         while let Some((_, level)) = changes.next_if(|(at_s, _)| timing.step_at(*at_s) <= number) {
@@ -286,12 +289,14 @@ pub fn run<O: Observer>(
         model.step(&instruments, timing.dt_s)?;
         let ms = start.elapsed().as_secs_f64() * 1e3;
         let cpu_ms = thread_cpu_ms().zip(cpu_start).map(|(end, start)| end - start);
+        model.shaft_loads(&mut loads);
         let step = Step {
             number,
             time_s: number as f64 * timing.dt_s,
             base: instruments.base,
             probe: instruments.probe.unwrap_or_else(|| scenario.probe(number)),
             outcome: model.outcome(),
+            loads: &loads,
             driven: contact.and_then(|contact| contact.driven(instruments.probe.as_ref(), model.outcome())),
             guidance: guide.at(model, &instruments.base, &scenario.probe(number)),
             ms,

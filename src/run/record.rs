@@ -4,6 +4,7 @@ mod curves;
 mod film;
 mod page;
 mod points;
+mod profile;
 mod table;
 
 use std::io::{self, Write};
@@ -21,6 +22,7 @@ use insonify_imaging::synth::Frame;
 use insonify_report::plot::Plot;
 use nalgebra::Point3;
 use points::Points;
+use profile::Profiles;
 
 /// Names of the plots of every run.
 const PLOTS: [&str; 4] = ["forces", "tip", "paths", "step_time"];
@@ -29,6 +31,7 @@ const PLOTS: [&str; 4] = ["forces", "tip", "paths", "step_time"];
 #[derive(Clone, Debug)]
 pub struct Record {
     curves: Curves,
+    profiles: Profiles,
     points: Points,
     /// Columns of `steps.csv`.
     head: String,
@@ -45,6 +48,7 @@ impl Record {
     pub fn new(scenario: &Scenario) -> Self {
         Self {
             curves: Curves::new(scenario),
+            profiles: Profiles::default(),
             points: Points::new(scenario),
             head: table::head(
                 scenario.contact().map(|contact| &contact.probe),
@@ -76,6 +80,7 @@ impl Record {
         let distances = self.targets.iter().map(|target| (tip - target).norm());
         self.last_step = (outcome.inserted_mm, distances.reduce(f64::min));
         self.curves.add(step, self.last_step.1);
+        self.profiles.add(step);
         let guided = self
             .manipulator
             .as_ref()
@@ -106,11 +111,12 @@ impl Record {
         self.points.add(displaced, out)
     }
 
-    /// Plots over simulated time with their names: forces, tip, paths, step times, and the displacements of reported
-    /// points.
+    /// Plots with their names: over simulated time forces, tip, paths, step times, and the displacements of reported
+    /// points; and the force along the needle, once it has met tissue.
     pub fn plots(&self) -> Vec<(&'static str, Plot)> {
         let mut plots: Vec<_> = PLOTS.into_iter().zip(self.curves.plots()).collect();
-        plots.splice(3..3, self.points.plots());
+        let profile = self.profiles.plot().map(|plot| ("profile", plot));
+        plots.splice(3..3, profile.into_iter().chain(self.points.plots()));
         plots
     }
 

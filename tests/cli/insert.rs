@@ -112,7 +112,7 @@ fn a_run_leaves_steps_plots_page_and_summary() {
     assert!(last[of("base_force_z_n")] < 0.0, "tissue pushes the hand back");
 
     let page = bench.text("out/index.html");
-    assert_eq!(page.matches("<svg").count(), 4);
+    assert_eq!(page.matches("<svg").count(), 5);
     assert_eq!(page.matches("<script").count(), 0, "without images there is no slider");
     for outside in ["src=", "href=\"http", "@import", "url("] {
         assert!(!page.contains(outside), "{outside}: the page asks for nothing else");
@@ -124,7 +124,7 @@ fn a_run_leaves_steps_plots_page_and_summary() {
             .ends_with("phantom_top touched"),
         "{summary}"
     );
-    assert_eq!(bench.files("out/plots").len(), 8);
+    assert_eq!(bench.files("out/plots").len(), 10);
 }
 
 #[test]

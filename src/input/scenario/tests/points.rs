@@ -155,20 +155,52 @@ fn a_run_writes_the_displacements_of_points_at_the_rate_of_frames() {
         "forces",
         "tip",
         "paths",
+        "profile",
         "displacement_axial",
         "displacement_lateral",
         "displacement_elevational",
         "step_time",
     ];
     assert_eq!(names, expected);
-    assert_eq!([2, 3].map(|plot| plots[plot].1.series.len()), [6, 2]);
+    assert_eq!([2, 4].map(|plot| plots[plot].1.series.len()), [6, 2]);
     assert!(kept.stresses.len() == 5 && kept.stresses[4].as_ref().expect("stress").iter().any(|kpa| *kpa > 0.1));
+    assert_profile(&kept.record, &kept.steps);
     // Without reports, nothing is added.
     let plain = resolved(BLOCK).expect("a scenario");
     let mut model = PrescribedModel::new(&plain);
     let (kept, summary) = Kept::of(&plain, &mut model, Requests::default());
     assert_eq!((summary.points.len(), kept.record.plots().len()), (0, 4));
     assert_eq!(kept.points, b"time_s,inserted_mm\n");
+}
+
+/// The force along the needle adds up to that on the hand in the same step, of 10 ms.
+fn assert_profile(record: &Record, steps: &[u8]) {
+    let (_, plot) = &record.plots()[3];
+    let deepest = &plot.series[0];
+    let shaft_n: f64 = deepest
+        .points
+        .windows(2)
+        .map(|ends| (ends[1][0] - ends[0][0]) * ends[0][1])
+        .sum();
+    let words: Vec<&str> = deepest.name.split(' ').collect();
+    let time_s: f64 = words[5].parse().expect("a time");
+    let tip_n: f64 = words[words.len() - 2].parse().expect("a force");
+    let mut head = Vec::new();
+    record.head(&mut head).expect("memory");
+    let [head, row] = [&head[..], steps].map(|text| std::str::from_utf8(text).expect("text"));
+    let column = head
+        .split(',')
+        .position(|name| name == "base_force_z_n")
+        .expect("a column");
+    let cell = row
+        .lines()
+        .nth((100.0 * time_s).round() as usize - 1)
+        .and_then(|row| row.split(',').nth(column));
+    let on_hand_n: f64 = cell.expect("a row").parse().expect("a number");
+    assert!(
+        shaft_n > 0.1 && (shaft_n + tip_n + on_hand_n).abs() < 1e-3,
+        "{shaft_n} {tip_n} {on_hand_n}"
+    );
 }
 
 #[test]
