@@ -144,7 +144,7 @@ material_table! {
         /// Puncture force at the surface of this tissue. Default 0: none beyond `cutting_n`.
         puncture_n: Option<f64>, in 0 "N";
         /// Different friction along the shaft near the advancing tip. Default: none.
-        peak: Option<Peak>, for FiniteElement | MassSpring;
+        peak: Option<Peak>;
         /// Stops the needle, as bone does. Default: only where the region is rigid.
         bone: Option<Bone>;
         /// Whether the needle must avoid the region, as a large vessel: entering it raises an event and a warning.

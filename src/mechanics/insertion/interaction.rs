@@ -113,12 +113,8 @@ impl Default for Interaction {
 impl Interaction {
     /// Returns the sliding force on a length of shaft in this tissue from `near_mm` to `far_mm` behind the tip, N. Of
     /// the last `cut_mm` cut by the tip, the part near it has the density of the peak.
-    pub(super) fn shaft_n(&self, [near_mm, far_mm]: [f64; 2], cut_mm: f64) -> f64 {
-        let peak = self.peak.map_or([0.0; 2], |peak| {
-            let within = (far_mm.min(peak.width_mm).min(cut_mm) - near_mm).max(0.0);
-            [within, within * peak.density_n_per_mm]
-        });
-        (far_mm - near_mm - peak[0]).max(0.0) * self.friction_n_per_mm + peak[1]
+    pub(super) fn shaft_n(&self, ends_mm: [f64; 2], cut_mm: f64) -> f64 {
+        shaft_n(self.friction_n_per_mm, self.peak, ends_mm, cut_mm)
     }
 
     /// Checks every number against its range.
@@ -138,6 +134,15 @@ impl Interaction {
         self.peak.map_or(Ok(()), |peak| peak.check_ranges())?;
         self.bone.map_or(Ok(()), |bone| bone.check_ranges())
     }
+}
+
+/// [`Interaction::shaft_n`] of a friction and a peak.
+pub(super) fn shaft_n(friction_n_per_mm: f64, peak: Option<Peak>, [near_mm, far_mm]: [f64; 2], cut_mm: f64) -> f64 {
+    let peak = peak.map_or([0.0; 2], |peak| {
+        let within = (far_mm.min(peak.width_mm).min(cut_mm) - near_mm).max(0.0);
+        [within, within * peak.density_n_per_mm]
+    });
+    (far_mm - near_mm - peak[0]).max(0.0) * friction_n_per_mm + peak[1]
 }
 
 /// Regions of the body and their interactions with a needle, independent of any mesh.

@@ -9,7 +9,7 @@
 //! of [`PathLayer`]s, each behind a membrane. At a membrane the tip *pushes*: the point of the body there is held at
 //! the tip. When the force exceeds the strength of the membrane it is punctured, and the tip *cuts*: it is where the
 //! deformed tissue meets it under the cutting force, and the shaft behind drags the surrounding tissue along by
-//! friction per mm of tissue. Then the next membrane is reached. The model is quasi-static, without inertia.
+//! friction per mm of tissue, near the tip with the density of its `peak`. Then the next membrane is reached. The model is quasi-static, without inertia.
 //!
 //! A needle that stops or turns back is *held* by its friction: tissue along the shaft moves with it as one, each piece
 //! under its share of the force. When the force reaches the outward friction, the needle slides out through the channel
@@ -28,6 +28,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use crate::insertion::InvalidSetup;
+use crate::insertion::interaction::shaft_n;
 use crate::tissue::nonlinear::{Contact, NonlinearBody, NonlinearError, Structure};
 pub use line::{Crossing, PathLayer, crossings};
 use line::{Line, check};
@@ -170,7 +171,10 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// entry.
     pub fn shaft(&self) -> impl Iterator<Item = ([f64; 2], f64)> + '_ {
         let depth = self.state.depth_mm;
-        let sliding = || frictions(&self.line, &self.layers, depth).map(|(_, force, _)| force);
+        let sliding = || {
+            self.frictions(depth, self.state.newly_cut_mm())
+                .map(|(_, force, _)| force)
+        };
         let total_n: f64 = sliding().sum();
         let share = if total_n > 0.0 {
             self.state.shaft_n / total_n
@@ -199,6 +203,11 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             (_, Phase::Pushing(layer)) if state.depth_mm >= state.cut_mm => layer.checked_sub(1),
             _ => self.layers.iter().rposition(|layer| layer.from_mm <= state.depth_mm),
         }
+    }
+
+    /// Returns the pieces of the shaft down to a depth, as [`frictions`] does.
+    fn frictions(&self, depth_mm: f64, cut_mm: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
+        frictions(&self.line, &self.layers, depth_mm, cut_mm)
     }
 
     /// Returns the displacement along the line of the tissue at a depth, mm.
@@ -253,7 +262,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         // contact.
         if next.phase != Phase::Held {
             let sign = if next.outward { -1.0 } else { 1.0 };
-            for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm) {
+            for (point, force, _) in frictions(&self.line, &self.layers, next.depth_mm, next.newly_cut_mm()) {
                 next.shaft_n += sign * force;
                 point.add(sign * force, &mut self.loads);
             }
@@ -294,16 +303,19 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 }
 
-/// Returns the pieces of the shaft down to a depth: their points, sliding friction, and static friction, N.
+/// Returns the pieces of the shaft down to a depth: their points, sliding friction, and static friction, N. Of the last
+/// `cut_mm`, the part near the tip has the density of the peak.
 fn frictions<'a, const D: usize>(
     line: &'a Line<D>,
     layers: &'a [PathLayer],
     depth_mm: f64,
+    cut_mm: f64,
 ) -> impl Iterator<Item = (&'a Contact, f64, f64)> {
-    line.pieces(depth_mm).filter_map(|(point, from, to)| {
+    line.pieces(depth_mm).filter_map(move |(point, from, to)| {
         let middle = 0.5 * (from + to);
         let layer = layers.iter().rfind(|layer| layer.from_mm <= middle)?;
-        let force = layer.friction_n_per_mm * (to - from);
+        let behind_mm = [depth_mm - to, depth_mm - from];
+        let force = shaft_n(layer.friction_n_per_mm, layer.peak, behind_mm, cut_mm);
         Some((point, force, layer.static_ratio * force))
     })
 }

@@ -106,12 +106,6 @@ pub enum InvalidSetup {
         /// Number of nodes of the mesh.
         nodes: usize,
     },
-    /// An interaction with a `peak`, which the model of stiffening tissue does not support.
-    #[error("region {region} has a `peak` of force near the tip, which nonlinear tissue does not support")]
-    Peak {
-        /// The region.
-        region: i32,
-    },
     /// A candidate node of the probe that is missing, listed twice, or fixed.
     #[error("node {node} cannot be a candidate of the probe: it {reason}")]
     Candidate {

@@ -108,6 +108,7 @@ impl Liver {
             cutting_n: share * options.cutting_n,
             friction_n_per_mm: share * options.friction_n_per_mm,
             static_ratio: 1.0,
+            peak: None,
         };
         Ok(Liver {
             body: Arc::new(Sheet::plane_strain(nodes, triangles, &laws, options.thickness_mm)?),

@@ -283,15 +283,6 @@ fn what_such_tissue_cannot_have_is_refused_where_it_stands() {
             "supports straight paths only",
         ),
         (
-            with_line(
-                &text,
-                "puncture_n = 0.6",
-                "peak = { density_n_per_mm = 0.1, width_mm = 3.0 }",
-            ),
-            "peak",
-            "`peak` with `model = \"viscoelastic\"`",
-        ),
-        (
             with_line(&text, "puncture_n = 0.5", "rigid = true"),
             "[[needle.motion.keyframes]]",
             "meets bone",

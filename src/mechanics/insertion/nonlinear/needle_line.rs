@@ -95,6 +95,7 @@ impl NeedleLine {
                 cutting_n: interaction.cutting_n,
                 friction_n_per_mm: interaction.friction_n_per_mm,
                 static_ratio: interaction.static_ratio,
+                peak: interaction.peak,
             }
         };
         self.regions.iter().map(layer).collect()

@@ -86,8 +86,7 @@ pub struct NonlinearSetup {
     pub laws: Vec<AnyLaw>,
     /// Nodes and axes (0 to 2) that are fixed.
     pub fixed: Vec<(u32, u8)>,
-    /// Interactions of the regions of the mesh with the needle; those not listed exert no force. `peak` is refused, and
-    /// bone is not met.
+    /// Interactions of the regions of the mesh with the needle; those not listed exert no force. Bone is not met.
     pub interactions: Vec<(i32, Interaction)>,
     /// Regions met by the needle, in place of those of the mesh; `interactions` are checked all the same.
     pub anatomy: Option<Arc<dyn Anatomy>>,
@@ -153,13 +152,6 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             ("most_parts", options.most_parts as f64),
             ("tolerance", options.solving.tolerance),
         ])?;
-        if let Some(&(region, _)) = setup
-            .interactions
-            .iter()
-            .find(|(_, interaction)| interaction.peak.is_some())
-        {
-            return Err(InvalidSetup::Peak { region });
-        }
         // A saved state is taken back only by a model of this name: everything that the state depends on is in it.
         let name = format!(
             "{nodes} nodes, {:?}, {:?}, {}",

@@ -355,13 +355,6 @@ fn setups_are_checked() {
     };
     let spoilt = refused(|setup| setup.interactions[0].1.cutting_n = -1.0);
     assert!(matches!(spoilt, InvalidSetup::Interaction { region: 2, .. }));
-    let spoilt = refused(|setup| {
-        setup.interactions[1].1.peak = Some(crate::insertion::Peak {
-            density_n_per_mm: 1.0,
-            width_mm: 1.0,
-        });
-    });
-    assert_eq!(spoilt, InvalidSetup::Peak { region: 1 });
     let spoilt = refused(|setup| setup.options.part_mm = 0.0);
     assert!(matches!(spoilt, InvalidSetup::Number(error) if error.key == "part_mm"));
     let spoilt = refused(|setup| setup.fixed.push((1_000_000, 0)));

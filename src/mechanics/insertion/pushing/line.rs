@@ -1,8 +1,8 @@
 //! Line through a body, the points of the body on it, and the layers along it.
 
-use crate::insertion::InvalidSetup;
+use crate::insertion::{InvalidSetup, Peak};
 use crate::tissue::nonlinear::{Contact, NonlinearBody};
-use insonify_base::range::OutOfRange;
+use insonify_base::range::{OutOfRange, Ranges};
 
 /// A layer of tissue along the line of the needle, behind a membrane.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -17,6 +17,8 @@ pub struct PathLayer {
     pub friction_n_per_mm: f64,
     /// Ratio of static to sliding friction (1 or more).
     pub static_ratio: f64,
+    /// Force per length near the tip while it cuts, in place of the friction there.
+    pub peak: Option<Peak>,
 }
 
 /// Checks layers, given in the order in which they are met.
@@ -50,6 +52,9 @@ pub(super) fn check(layers: &[PathLayer]) -> Result<(), InvalidSetup> {
         let ratio = layer.static_ratio;
         if !(ratio.is_finite() && ratio >= 1.0) {
             return wrong("static_ratio", ratio, "a finite number, 1 or more");
+        }
+        if let Some(Err(cause)) = layer.peak.map(|peak| peak.check_ranges()) {
+            return Err(InvalidSetup::Layer { layer: index, cause });
         }
     }
     Ok(())

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{Phase, Pushing, frictions};
+use super::{Phase, Pushing};
 use crate::tissue::nonlinear::Contact;
 
 /// Travel that counts as rest, mm.
@@ -21,6 +21,9 @@ pub(in crate::insertion) struct At {
     pub depth_mm: f64,
     /// Largest depth reached so far, mm.
     pub cut_mm: f64,
+    /// Largest depth reached when the needle last slid out, mm.
+    #[serde(default)]
+    pub channel_mm: f64,
     /// Phase of the tip where tissue is intact: at `cut_mm`.
     #[serde(rename = "whole")]
     pub intact: Phase,
@@ -40,6 +43,21 @@ impl At {
             intact: Phase::Pushing(0),
             ..At::default()
         }
+    }
+
+    /// Returns the length behind the tip that was cut since the needle last slid out, mm; 0 while it slides out, or its
+    /// tip is out of the body.
+    pub(super) fn newly_cut_mm(&self) -> f64 {
+        if self.outward || self.intact == Phase::Free {
+            0.0
+        } else {
+            (self.depth_mm - self.channel_mm).max(0.0)
+        }
+    }
+
+    /// Returns whether the hand pulls at a held needle.
+    fn is_pulled(&self) -> bool {
+        self.phase == Phase::Held && self.tip_n + self.shaft_n <= 0.0
     }
 }
 
@@ -104,6 +122,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
 
     /// Withdraws through the channel, and out of it.
     fn slide_out(&self, next: &mut At) {
+        next.channel_mm = next.cut_mm;
         if self.place(0.0) >= next.travel_mm {
             (next.depth_mm, next.outward) = (0.0, false);
         } else {
@@ -132,26 +151,41 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     }
 
     /// Returns the sliding and the static friction summed over the shaft, N.
-    fn friction_n(&self, depth_mm: f64) -> [f64; 2] {
-        frictions(&self.line, &self.layers, depth_mm)
+    fn friction_n(&self, depth_mm: f64, cut_mm: f64) -> [f64; 2] {
+        self.frictions(depth_mm, cut_mm)
             .fold([0.0; 2], |[sum, held], (_, force, limit)| [sum + force, held + limit])
+    }
+
+    /// Returns the length behind the tip of a held needle that bears the density of the peak, mm.
+    fn held_cut_mm(&self, next: &At) -> f64 {
+        if self.state.is_pulled() {
+            0.0
+        } else {
+            next.newly_cut_mm()
+        }
     }
 
     /// Returns the force of the tip in a held needle, as it was when the needle stopped; a needle does not pull with
     /// its tip.
     fn held_tip(&self, next: &At) -> f64 {
-        let pulls = self.state.phase == Phase::Held && self.state.tip_n + self.state.shaft_n <= 0.0;
-        if pulls { 0.0 } else { next.held_tip_n.max(0.0) }
+        if self.state.is_pulled() {
+            0.0
+        } else {
+            next.held_tip_n.max(0.0)
+        }
     }
 
     /// Constrains all tissue that the needle holds, as one: the mean of its displacements, weighted by shares of the
     /// force, moves with the needle, by `moved` mm.
     pub(super) fn held(&self, next: &At, moved: f64) -> Contact {
         let tip = self.held_tip(next);
-        let [friction, _] = self.friction_n(next.depth_mm);
+        let cut_mm = self.held_cut_mm(next);
+        let [friction, _] = self.friction_n(next.depth_mm, cut_mm);
         let scale = 1.0 / (tip + friction);
         let tip = (self.line.contact(self.body(), next.depth_mm, 0.0), tip);
-        let shaft = frictions(&self.line, &self.layers, next.depth_mm).map(|(point, force, _)| (point, force));
+        let shaft = self
+            .frictions(next.depth_mm, cut_mm)
+            .map(|(point, force, _)| (point, force));
         let mut contact = Contact::default();
         for (point, force) in shaft.chain([(&tip.0, tip.1)]).filter(|(_, force)| *force > 0.0) {
             let shares = point.weights.iter().map(|&(dof, weight)| (dof, weight * force * scale));
@@ -165,15 +199,16 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     pub(super) fn share(&self, next: &mut At) {
         let force = self.structure.contact_force();
         let tip = self.held_tip(next);
-        let [friction, limit_n] = self.friction_n(next.depth_mm);
+        let [friction, _] = self.friction_n(next.depth_mm, self.held_cut_mm(next));
+        let [inward_n, outward_n] = [next.newly_cut_mm(), 0.0].map(|cut_mm| self.friction_n(next.depth_mm, cut_mm)[1]);
         next.tip_n = force * tip / (tip + friction);
         next.shaft_n = force - next.tip_n;
-        if force >= next.held_tip_n + limit_n && next.travel_mm > self.state.travel_mm + STILL_MM {
+        if force >= next.held_tip_n + inward_n && next.travel_mm > self.state.travel_mm + STILL_MM {
             let intact = next.depth_mm >= next.cut_mm;
             next.phase = if intact { next.intact } else { Phase::Free };
             next.outward = false;
-        } else if force <= -limit_n {
-            (next.phase, next.outward) = (Phase::Free, true);
+        } else if force <= -outward_n {
+            (next.phase, next.outward, next.channel_mm) = (Phase::Free, true, next.cut_mm);
             next.depth_mm = self.depth_at(next.travel_mm, [0.0, next.depth_mm]);
         }
     }

@@ -1,7 +1,7 @@
 //! Hand calculation of a column that is pushed, punctured and cut.
 
 use super::*;
-use crate::insertion::InvalidSetup;
+use crate::insertion::{InvalidSetup, Peak};
 use crate::tissue::material::Material;
 use crate::tissue::nonlinear::creep::{Creep, Memory};
 use crate::tissue::nonlinear::{Sheet, Solver, SolverOptions, Stiffening, Supports};
@@ -42,6 +42,7 @@ const LAYERS: [PathLayer; 2] = [
         cutting_n: 0.002,
         friction_n_per_mm: 0.0005,
         static_ratio: 1.0,
+        peak: None,
     },
     PathLayer {
         from_mm: 12.0,
@@ -49,6 +50,7 @@ const LAYERS: [PathLayer; 2] = [
         cutting_n: 0.002,
         friction_n_per_mm: 0.0005,
         static_ratio: 1.0,
+        peak: None,
     },
 ];
 
@@ -185,4 +187,112 @@ fn ways_are_checked() {
         refused([0.0, 20.0], down, &negative),
         InvalidSetup::Layer { cause, .. } if cause.key == "cutting_n"
     ));
+}
+
+/// Layers without membranes and cutting forces, whose densities near the tip are higher in the first and lower in the
+/// second than the friction behind it.
+fn peaked() -> [PathLayer; 2] {
+    [(0.0, 0.001, 3.0), (12.0, 0.0002, 5.0)].map(|(from_mm, density_n_per_mm, width_mm)| PathLayer {
+        from_mm,
+        membrane_n: 0.0,
+        cutting_n: 0.0,
+        peak: Some(Peak {
+            density_n_per_mm,
+            width_mm,
+        }),
+        ..LAYERS[0]
+    })
+}
+
+/// Integral of the density over the shaft with the tip at a depth, where `channel_mm` had been cut before, N.
+fn peaked_n(depth_mm: f64, channel_mm: f64) -> f64 {
+    let layers = peaked();
+    let parts = 100_000;
+    let part_mm = depth_mm / f64::from(parts);
+    let forces = (0..parts).map(|part| {
+        let at_mm = (f64::from(part) + 0.5) * part_mm;
+        let layer = layers[usize::from(at_mm > 12.0)];
+        let peak = layer.peak.expect("a peak");
+        let is_near = at_mm > channel_mm && depth_mm - at_mm < peak.width_mm;
+        part_mm
+            * if is_near {
+                peak.density_n_per_mm
+            } else {
+                layer.friction_n_per_mm
+            }
+    });
+    forces.sum()
+}
+
+#[test]
+fn near_the_tip_newly_cut_tissue_has_the_density_of_the_peak() {
+    let mut needle = push(elastic(), &peaked());
+    let (mut checked, mut in_channel) = ([0; 2], 0);
+    let mut check = |stage: usize, pushed: &Pushed, channel_mm: f64| {
+        if matches!(pushed.phase, Phase::Cutting(_)) {
+            let expected = peaked_n(pushed.depth_mm, channel_mm);
+            assert!((pushed.force_n - expected).abs() < 1e-7, "{pushed:?}: {expected}");
+            checked[stage] += 1;
+        }
+    };
+    for step in 1..=100 {
+        check(0, &needle.step(0.1 * f64::from(step), 0.02).unwrap(), 0.0);
+    }
+    let channel_mm = needle.depth_mm();
+    let mut sliding_out = 0;
+    for step in (40..100).rev() {
+        let pushed = needle.step(0.1 * f64::from(step), 0.02).unwrap();
+        if pushed.phase == Phase::Free {
+            // Outward there is friction alone.
+            assert!((pushed.force_n + 0.0005 * pushed.depth_mm).abs() < 1e-12, "{pushed:?}");
+            sliding_out += 1;
+        }
+    }
+    assert!(sliding_out > 20, "{sliding_out}");
+    for step in 41..=200 {
+        let pushed = needle.step(0.1 * f64::from(step), 0.02).unwrap();
+        if pushed.phase == Phase::Free {
+            assert!((pushed.force_n - 0.0005 * pushed.depth_mm).abs() < 1e-12, "{pushed:?}");
+            in_channel += 1;
+        }
+        check(1, &pushed, channel_mm);
+    }
+    assert!(
+        checked.iter().all(|count| *count > 20) && in_channel > 20,
+        "{checked:?} {in_channel}"
+    );
+}
+
+/// Dehghan et al. 2008, figure 9 b: the force falls while the needle rests, and returns when it goes on.
+#[test]
+fn the_force_of_a_resting_needle_relaxes() {
+    let forces = [false, true].map(|is_viscous| {
+        let structure = if is_viscous {
+            let (body, supports) = bar();
+            let solver = Solver::new(body, supports, SolverOptions::default()).unwrap();
+            let loads = vec![0.0; solver.supports().all()];
+            let creep = Creep::new(solver, Memory::LoadIntegral, 0.2, Rule::Trapezoid, &loads).unwrap();
+            Structure::Viscous(Box::new(creep))
+        } else {
+            elastic()
+        };
+        let mut needle = push(structure, &peaked());
+        let travels = (1..=80).chain(std::iter::repeat_n(80, 40)).chain(81..=120);
+        let steps = travels.map(|step| needle.step(0.1 * f64::from(step), 0.02).unwrap());
+        steps.collect::<Vec<Pushed>>()
+    });
+    for (is_viscous, pushed) in [false, true].into_iter().zip(&forces) {
+        let rest = &pushed[80..120];
+        assert!(rest.iter().all(|pushed| pushed.phase == Phase::Held));
+        let fall = 1.0 - rest[39].force_n / pushed[79].force_n;
+        if is_viscous {
+            let falls = rest.windows(2).all(|pair| pair[1].force_n < pair[0].force_n);
+            assert!(falls && fall > 0.1, "{fall}: {rest:?}");
+        } else {
+            assert!(fall.abs() < 1e-6, "{fall}");
+        }
+        let last = pushed[159];
+        assert!(matches!(last.phase, Phase::Cutting(_)), "{last:?}");
+        assert!((last.force_n - peaked_n(last.depth_mm, 0.0)).abs() < 1e-7);
+    }
 }
