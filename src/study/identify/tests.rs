@@ -398,6 +398,7 @@ fn under_small_forces_tissue_of_a_law_moves_as_linear_tissue() {
 }
 
 #[test]
+#[ignore = "half a minute: `.ci/more plans`"]
 fn moduli_of_neo_hookean_tissue_return() {
     let folder = tempfile::tempdir().unwrap();
     let truth = case_of(folder.path(), 1.0, NEO_HOOKEAN, [10.0, 33.0]);

@@ -302,7 +302,7 @@ fn shipped(name: &str, guide: &str, coarse: bool) -> (String, Scenario) {
     if coarse {
         for (from, to) in [
             ("nodes = 3300", "nodes = 1000"),
-            ("dt_ms = 1.0", "dt_ms = 5.0"),
+            ("dt_ms = 1.0", "dt_ms = 10.0"),
             ("dt_ms = 40.0", "dt_ms = 80.0"),
         ] {
             text = text.replace(from, to);
