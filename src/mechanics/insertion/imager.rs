@@ -9,6 +9,10 @@ use crate::tissue::dofs::Dofs;
 use crate::tissue::factor::Factor;
 use insonify_mesh::TetMesh;
 
+/// Share of the mean square distance of an element's corners from the tip in the square of the reach of what is shown
+/// there: so much that no node between them moves farther than the tissue at the tip by half.
+const REACH: f64 = 4.0;
+
 /// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {
     mesh: Arc<TetMesh>,
@@ -69,37 +73,34 @@ impl NodeSolver for MeshImager {
 }
 
 impl TissueAtTip {
-    /// Displaces the nodes around the tip so that the tissue at the tip is there. What a mesh lacks of the dent lies within
-    /// its elements and the patch; nodes that nothing has displaced are fixed.
+    /// Displaces the nodes around the tip so that the tissue at the tip is there: what a mesh lacks of the dent lies within
+    /// its elements and the patch. Nodes that nothing has displaced are fixed.
     fn show(&self, tissue: &mut Tissue) {
+        let corners = || self.corners.iter().map(|node| *node as usize);
         let interpolated = |nodes: &[[f64; 3]]| -> Vector3<f64> {
-            let terms = self.corners.iter().zip(self.shares);
-            terms
-                .map(|(node, share)| Vector3::from(nodes[*node as usize]) * share)
-                .sum()
+            let terms = corners().zip(self.shares);
+            terms.map(|(node, share)| Vector3::from(nodes[node]) * share).sum()
         };
         let at_rest = Point3::from(interpolated(&tissue.reference));
         let missing = self.tip_mm - Point3::from(interpolated(&tissue.current));
-        let weight = |reference: &[f64; 3], current: &[f64; 3]| {
-            let distance = (Point3::from(*reference) - at_rest).norm_squared() / (self.radius_mm * self.radius_mm);
-            if reference == current {
-                0.0
-            } else {
-                (1.0 + distance).powf(-1.5)
-            }
+        let square = |node: &[f64; 3]| (Point3::from(*node) - at_rest).norm_squared();
+        // The mean over the corners by the shares of the tip, beside the element those of the nearest face: it does not
+        // jump from element to element.
+        let inside = self.shares.map(|share| share.max(0.0));
+        let mean = |of_node: &dyn Fn(&[f64; 3]) -> f64| {
+            let terms = corners()
+                .zip(inside)
+                .map(|(node, share)| share * of_node(&tissue.reference[node]));
+            terms.sum::<f64>() / inside.iter().sum::<f64>()
         };
-        let at_tip: f64 = self
-            .corners
-            .iter()
-            .zip(self.shares)
-            .map(|(node, share)| share * weight(&tissue.reference[*node as usize], &tissue.current[*node as usize]))
-            .sum();
-        if at_tip <= 0.0 {
-            return;
-        }
+        let reach = self.radius_mm.powi(2) + REACH * mean(&square);
+        let weight = |node: &[f64; 3]| (1.0 + square(node) / reach).powf(-1.5);
+        let at_tip = mean(&weight);
         for (reference, current) in tissue.reference.iter().zip(&mut tissue.current) {
-            let shift = missing * (weight(reference, current) / at_tip);
-            (0..3).for_each(|axis| current[axis] += shift[axis]);
+            if reference != current {
+                let shift = missing * (weight(reference) / at_tip);
+                (0..3).for_each(|axis| current[axis] += shift[axis]);
+            }
         }
     }
 }
@@ -135,5 +136,62 @@ fn write_nodes(nodes: &[[f64; 3]], moved: &[(u32, [f64; 3])], displacement: &[[f
     into.current.clone_from(&into.reference);
     for (node, shift) in into.current.iter_mut().zip(displacement) {
         (0..3).for_each(|axis| node[axis] += shift[axis]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The tip in the middle of a large element, and near the one corner that is free: a node that lies nearer, and that
+    /// corner, go hardly farther than the tissue at the tip.
+    #[test]
+    fn no_node_goes_much_farther_than_the_tip() {
+        let reference = vec![
+            [12.0, 0.0, 0.0],
+            [-12.0, 1.0, 0.0],
+            [0.0, 0.0, 14.0],
+            [0.0, 12.0, -8.0],
+            [0.5, 0.5, 0.5],
+        ];
+        for (shares, is_free, is_exact) in [
+            ([0.25; 4], [true; 5], true),
+            ([0.01, 0.33, 0.33, 0.33], [true, false, false, false, true], false),
+        ] {
+            let current: Vec<[f64; 3]> = reference
+                .iter()
+                .zip(is_free)
+                .map(|([x, y, z], is_free)| [*x, *y, if is_free { z + 0.1 } else { *z }])
+                .collect();
+            let interpolated = |nodes: &[[f64; 3]]| -> Vector3<f64> {
+                nodes
+                    .iter()
+                    .zip(shares)
+                    .map(|(node, share)| Vector3::from(*node) * share)
+                    .sum()
+            };
+            let missing = Vector3::new(0.0, 0.0, 5.0);
+            let at_tip = TissueAtTip {
+                tip_mm: Point3::from(interpolated(&current) + missing),
+                corners: [0, 1, 2, 3],
+                shares,
+                radius_mm: 5.0,
+            };
+            let mut tissue = Tissue {
+                reference: reference.clone(),
+                current: current.clone(),
+                inverted: 0,
+            };
+            at_tip.show(&mut tissue);
+            for ((before, after), is_free) in current.iter().zip(&tissue.current).zip(is_free) {
+                let shift = (Vector3::from(*after) - Vector3::from(*before)).norm();
+                assert!(
+                    shift <= 1.5 * missing.norm() && (shift > 1.0) == is_free,
+                    "{before:?} {after:?}"
+                );
+            }
+            let is_at_tip = (interpolated(&tissue.current) - at_tip.tip_mm.coords).norm() < 1e-9;
+            assert_eq!(is_at_tip, is_exact);
+        }
     }
 }
