@@ -446,15 +446,15 @@ pub fn unit_doubt(surface: &[Point3<f64>], skin: &Skin) -> Option<(String, Optio
     const SAME: f64 = 0.2;
     /// Span of points below which they are a part of a body only in a larger unit, mm.
     const PART_MM: f64 = 40.0;
+    if surface.len() < MIN_POINTS {
+        return None;
+    }
     let longest = |points: &[Point3<f64>]| {
         let [low, high] = bounds(points.iter().copied());
         (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max)
     };
     let [surface_mm, skin_mm] = [longest(surface), longest(skin.points())];
     let ratio = skin_mm / surface_mm;
-    if surface.len() < MIN_POINTS {
-        return None;
-    }
     let whole = UNITS.into_iter().find(|(_, mm, _)| (ratio / mm).ln().abs() < SAME);
     let part = (surface_mm < PART_MM && ratio > UNITS[0].1).then_some(UNITS[0]);
     let (unit, mm, flag) = whole.or(part)?;

@@ -338,7 +338,7 @@ fn summary_line(summary: &Summary, output: &Path) -> String {
     });
     let changes: String = changes.collect();
     let longest = match ms.shares_of_longest().first() {
-        Some((work, share)) => format!("; the longest spent {:.0} % on {work}", 100.0 * share),
+        Some((work, share)) => format!("; the ten longest spent {:.0} % on {work}", 100.0 * share),
         None => String::new(),
     };
     let targets = summary.targets.iter();

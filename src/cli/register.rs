@@ -333,7 +333,7 @@ fn cubes(volume: &LabelVolume, resampled: &LabelVolume) -> Option<String> {
     })
 }
 
-/// Whether the surface comes near enough to the skin.
+/// Returns whether the surface comes near enough to the skin.
 fn fits(registration: &Registration) -> bool {
     registration.quadratic.rms_mm <= MAX_RMS_MM
 }

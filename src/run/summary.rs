@@ -539,7 +539,8 @@ impl<'a> Tally<'a> {
         }
         if summary.max_dent_mm > MAX_DENT_MM {
             summary.warnings.push(format!(
-                "a surface gave way by {:.1} mm before it broke: its `puncture_n` is large for tissue this soft",
+                "a surface gave way by {:.1} mm before it broke, which is far for skin or a capsule: check its `puncture_n`, the moduli \
+                 below it, and `tissue.patch_mm`",
                 summary.max_dent_mm
             ));
         }

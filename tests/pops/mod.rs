@@ -15,7 +15,7 @@ const FELT_MS: f64 = 2.0;
 /// Largest share by which the dent of one surface may differ between meshes.
 const SAME_DENT: f64 = 0.15;
 
-/// What the hand felt in each step.
+/// Forces on the hand and punctures of each step.
 #[derive(Default)]
 struct Hand {
     forces: Vec<Vector3<f64>>,

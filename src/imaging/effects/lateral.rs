@@ -170,7 +170,7 @@ impl LateralKernel {
         sums
     }
 
-    /// Whether the kernel reaches beyond the first or last scanline at a block of samples.
+    /// Returns whether the kernel reaches beyond the first or last scanline at a block of samples.
     #[inline(always)]
     pub(super) fn is_truncated(&self, line_and_count: [usize; 2], start: usize) -> bool {
         self.across(line_and_count, start).count() < 2 * self.widest(start) + 1

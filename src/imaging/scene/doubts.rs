@@ -102,7 +102,7 @@ pub(super) fn thin_parts(body: &Body<'_>) -> Option<String> {
     })
 }
 
-/// Whether a voxel keeps its label by the weights of cubic B-splines at its centre, of which the largest counts and of
+/// Returns whether a voxel keeps its label by the weights of cubic B-splines at its centre, of which the largest counts and of
 /// equals that of the lowest label.
 fn keeps(volume: &LabelVolume, index: [usize; 3]) -> bool {
     let size = volume.size();

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-/// What a step of finite elements spends its time on.
+/// Kinds of work in a step of finite elements.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
     /// Following the tip through the tissue, and nodes that touch the probe.

@@ -58,7 +58,7 @@ impl Elevation {
         best.1.clone()
     }
 
-    /// What is tried with a number of sub-planes, with its widths: the same for all probes.
+    /// Returns the spreads tried with a number of sub-planes, each with its width: the same for all probes.
     fn candidates(count: usize) -> &'static [(f64, Self)] {
         static CANDIDATES: [OnceLock<Vec<(f64, Elevation)>>; MAX_PLANES + 1] =
             [const { OnceLock::new() }; MAX_PLANES + 1];

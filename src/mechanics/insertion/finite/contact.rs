@@ -29,11 +29,11 @@ pub(super) struct Contact {
     pub node: u32,
     /// Position in the reference state, mm.
     pub reference: Point3<f64>,
-    /// How far the line is beside the node, mm: after a change of the mesh the node lies elsewhere under the same force,
+    /// Distance of the line from the node, mm: after a change of the mesh the node lies elsewhere under the same force,
     /// and approaches the line as the needle moves on.
     #[serde(default)]
     pub aside: Vector3<f64>,
-    /// How far the line is beside the node per force across it, mm/N: near the tip, where a needle that is withdrawn lets
+    /// Distance of the line from the node per force across it, mm/N: near the tip, where a needle that is withdrawn lets
     /// the tissue go.
     #[serde(default)]
     pub softness_mm_per_n: f64,
