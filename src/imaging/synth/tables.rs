@@ -174,7 +174,7 @@ impl Tables {
         anatomy.tissues.check(anatomy.textures.keys().map(String::as_str))?;
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
-        check_memory(&grid, &settings)?;
+        check_memory(&grid, &settings, 0)?;
         let origin = LocalOrigin::of(&anatomy.volume);
         let mut tables = Self {
             origin,
@@ -211,7 +211,7 @@ impl Tables {
         let grid = BeamGrid::new(&settings.probe)?;
         let regrid = grid != self.grid;
         let image_grid = image_grid(&grid, &settings.image)?;
-        check_memory(&grid, &settings)?;
+        check_memory(&grid, &settings, frame_bytes(&self.grid, &self.settings))?;
         let retissue = !Arc::ptr_eq(tissues, &self.anatomy.tissues);
         if retissue {
             tissues.check(self.anatomy.textures.keys().map(String::as_str))?;
@@ -322,24 +322,31 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
     }
 }
 
-/// Refuses a frame that does not fit into memory, before any allocation: map, grey levels and bytes of its pixels, the
-/// copy that is returned, a position, an amplitude and a label per sample, and what effects need besides their buffers.
-fn check_memory(grid: &BeamGrid, settings: &Settings) -> Result<(), SynthError> {
-    let ImageSize { width, height, .. } = settings.image;
+/// Memory of a frame, bytes: map, grey levels and bytes of its pixels, the copy that is returned, a position, an amplitude
+/// and a label per sample, and what effects need besides their buffers.
+fn frame_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
     let samples = (grid.lines() * grid.samples()) as u64;
     let effects: u64 = REGISTRY
         .iter()
         .map(|effect| (effect.extra_bytes)(settings, samples))
         .sum();
+    14 * (settings.image.width * settings.image.height) as u64 + 21 * samples * settings.planes() as u64 + effects
+}
+
+/// Refuses a frame that does not fit into memory, before any allocation; one of no more than `taken` bytes is there.
+fn check_memory(grid: &BeamGrid, settings: &Settings, taken: u64) -> Result<(), SynthError> {
+    let needed = frame_bytes(grid, settings);
+    // Asking the system takes longer than setting most parameters of a frame.
+    if needed <= taken {
+        return Ok(());
+    }
+    let ImageSize { width, height, .. } = settings.image;
     let what = format!(
         "a frame of {width} x {height} pixels from {} x {} samples",
         grid.lines(),
         grid.samples()
     );
-    Ok(memory::check(
-        14 * (width * height) as u64 + 21 * samples * settings.planes() as u64 + effects,
-        &what,
-    )?)
+    Ok(memory::check(needed, &what)?)
 }
 
 fn rays(grid: &BeamGrid) -> Vec<[f64; 4]> {

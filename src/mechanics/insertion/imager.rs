@@ -10,8 +10,10 @@ use crate::tissue::factor::Factor;
 use insonify_mesh::TetMesh;
 
 /// Share of the mean square distance of an element's corners from the tip in the square of the reach of what is shown
-/// there: so much that no node between them moves farther than the tissue at the tip by half.
+/// there: so much that no node between free corners moves farther than `FARTHEST`.
 const REACH: f64 = 4.0;
+/// Farthest that a node moves for what is shown at the tip, in parts of what the tissue there moves.
+const FARTHEST: f64 = 1.5;
 
 /// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {
@@ -87,20 +89,25 @@ impl TissueAtTip {
         // The mean over the corners by the shares of the tip, beside the element those of the nearest face: it does not
         // jump from element to element.
         let inside = self.shares.map(|share| share.max(0.0));
-        let mean = |of_node: &dyn Fn(&[f64; 3]) -> f64| {
+        let mean = |of_node: &dyn Fn(&[f64; 3], &[f64; 3]) -> f64| {
             let terms = corners()
                 .zip(inside)
-                .map(|(node, share)| share * of_node(&tissue.reference[node]));
+                .map(|(node, share)| share * of_node(&tissue.reference[node], &tissue.current[node]));
             terms.sum::<f64>() / inside.iter().sum::<f64>()
         };
-        let reach = self.radius_mm.powi(2) + REACH * mean(&square);
-        let weight = |node: &[f64; 3]| (1.0 + square(node) / reach).powf(-1.5);
-        let at_tip = mean(&weight);
-        for (reference, current) in tissue.reference.iter().zip(&mut tissue.current) {
-            if reference != current {
-                let shift = missing * (weight(reference) / at_tip);
-                (0..3).for_each(|axis| current[axis] += shift[axis]);
+        let reach = self.radius_mm.powi(2) + REACH * mean(&|reference, _| square(reference));
+        let weight = |reference: &[f64; 3], current: &[f64; 3]| {
+            if reference == current {
+                0.0
+            } else {
+                (1.0 + square(reference) / reach).powf(-1.5)
             }
+        };
+        // Beside fixed corners the free ones make up for them as far as they may go.
+        let factor = mean(&weight).recip().min(FARTHEST);
+        for (reference, current) in tissue.reference.iter().zip(&mut tissue.current) {
+            let shift = missing * (factor * weight(reference, current));
+            (0..3).for_each(|axis| current[axis] += shift[axis]);
         }
     }
 }
