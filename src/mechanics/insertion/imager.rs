@@ -10,10 +10,10 @@ use crate::tissue::factor::Factor;
 use insonify_mesh::TetMesh;
 
 /// Share of the mean square distance of an element's corners from the tip in the square of the reach of what is shown
-/// there: so much that no node between free corners moves farther than `FARTHEST`.
+/// there: so much that no node between free corners moves farther than the tissue at the tip by half.
 const REACH: f64 = 4.0;
-/// Farthest that a node moves for what is shown at the tip, in parts of what the tissue there moves.
-const FARTHEST: f64 = 1.5;
+/// Farthest that a node moves for what is shown at the tip beside fixed nodes, in parts of what the tissue there moves.
+const FARTHEST: f64 = 2.0;
 
 /// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {
@@ -193,7 +193,7 @@ mod tests {
             for ((before, after), is_free) in current.iter().zip(&tissue.current).zip(is_free) {
                 let shift = (Vector3::from(*after) - Vector3::from(*before)).norm();
                 assert!(
-                    shift <= 1.5 * missing.norm() && (shift > 1.0) == is_free,
+                    shift <= if is_exact { 1.5 } else { FARTHEST } * missing.norm() && (shift > 1.0) == is_free,
                     "{before:?} {after:?}"
                 );
             }

@@ -22,6 +22,8 @@ const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
 /// Number of values of a drawn word.
 const WORDS: f64 = 4_294_967_296.0;
+/// Number of phases that echoes can have.
+const PHASES: usize = 256;
 /// Stream that separates these draws from others with the same seed.
 const STREAM: u32 = 0x0c1a_77e2;
 
@@ -38,25 +40,33 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
         })
         .collect();
     let bands = bands(grid, seed);
-    let means: Vec<f64> = (0..samples)
-        .map(|sample| bands[sample] * power(grid.sample_depth_mm(sample)))
+    let means: Vec<f32> = (0..samples)
+        .map(|sample| (bands[sample] * power(grid.sample_depth_mm(sample))) as f32)
         .collect();
     let axial_width = width(&axial);
     let share = |across: &Vec<f64>| (TO_A_CELL / (axial_width * width(across))).min(1.0);
     let shares: Vec<f64> = across.iter().map(share).collect();
-    let limits: Vec<u64> = shares.iter().map(|share| (share * WORDS).ceil() as u64).collect();
+    let limits: Vec<u32> = shares.iter().map(|share| (share * WORDS).ceil() as u32).collect();
     // The kernel is separable: along each scanline first, where it is the same at all depths, then across, where it
     // widens with depth.
     let norms = norms(&axial, samples);
-    // Of each scanline its real parts, then its imaginary parts.
-    let mut scanlines = vec![0.0; 2 * lines * samples];
-    for_each((0.., chunks_mut(&mut scanlines, 2 * samples)), &|(line, scanline)| {
-        let (re, im) = scanline.split_at_mut(samples);
+    let axial: Vec<f32> = axial.into_iter().map(|weight| weight as f32).collect();
+    let amplitudes: Vec<f32> = shares.iter().map(|share| share.sqrt().recip() as f32).collect();
+    let phases: [[f32; 2]; PHASES] = array(|phase| {
+        let (sine, cosine) = (TAU * (phase as f64 / PHASES as f64)).sin_cos();
+        [cosine as f32, sine as f32]
+    });
+    // Of each scanline its real parts, then its imaginary parts, with what reaches beyond its ends.
+    let length = samples + axial.len() - 1;
+    let mut scanlines = vec![0.0f32; 2 * lines * length];
+    for_each((0.., chunks_mut(&mut scanlines, 2 * length)), &|(line, scanline)| {
+        let (re, im) = scanline.split_at_mut(length);
         vectorised(Along {
             line,
             seed,
             axial: &axial,
-            shares: &shares,
+            amplitudes: &amplitudes,
+            phases: &phases,
             limits: &limits,
             norms: &norms,
             parts: [re, im],
@@ -66,13 +76,14 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
     let all = [across.reach, 2 * across.reach + 1];
     let whole = (0..samples)
         .step_by(BLOCK)
-        .flat_map(|start| across.squares::<f64>(all, start));
-    let whole: Vec<f64> = whole.map(f64::sqrt).collect();
+        .flat_map(|start| across.squares::<f32>(all, start));
+    let whole: Vec<f32> = whole.map(f32::sqrt).collect();
     let mut clutter = vec![0.0; lines * samples];
     for_each((0.., chunks_mut(&mut clutter, samples)), &|(line, clutter)| {
         vectorised(Across {
             kernel: &across,
             scanlines: &scanlines,
+            reach: (length - samples) / 2,
             line_and_count: [line, lines],
             means: &means,
             norms: &whole,
@@ -86,13 +97,16 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
 struct Along<'a> {
     line: usize,
     seed: [u32; 2],
-    axial: &'a [f64],
-    /// Probability of an echo at each sample, and the word from which on there is none.
-    shares: &'a [f64],
-    limits: &'a [u64],
-    norms: &'a [f64],
-    /// Real and imaginary parts, 0 before.
-    parts: [&'a mut [f64]; 2],
+    axial: &'a [f32],
+    /// Amplitude of an echo at each sample, of mean power 1 with those that have none.
+    amplitudes: &'a [f32],
+    /// Real and imaginary part by phase.
+    phases: &'a [[f32; 2]; PHASES],
+    /// Largest word at each sample with which there is an echo.
+    limits: &'a [u32],
+    norms: &'a [f32],
+    /// Real and imaginary parts, 0 before, with the reach of the kernel on either side.
+    parts: [&'a mut [f32]; 2],
 }
 
 impl Kernel for Along<'_> {
@@ -100,33 +114,33 @@ impl Kernel for Along<'_> {
 
     #[inline(always)]
     fn run(self) {
-        let (samples, reach) = (self.norms.len(), self.axial.len() / 2);
+        let (samples, taps) = (self.norms.len(), self.axial.len());
         let [re, im] = self.parts;
         for start in (0..samples).step_by(BLOCK) {
             // All are drawn at once, in vector registers; few have an echo.
-            let mut words = [[0; 2]; BLOCK];
-            for (i, words) in words.iter_mut().enumerate() {
+            let words: [[u32; 2]; BLOCK] = array(|i| {
                 let [drawn, phase, _] = hash3([self.line as i32, (start + i) as i32, 0], self.seed);
-                *words = [drawn, phase];
-            }
+                [drawn, phase]
+            });
             let limits = &self.limits[start..samples.min(start + BLOCK)];
-            for (i, ([drawn, phase], limit)) in words.into_iter().zip(limits).enumerate() {
-                if u64::from(drawn) >= *limit {
-                    continue;
-                }
+            // Sorted out without a branch, of which every tenth would be mispredicted.
+            let (mut echoes, mut count) = ([0; BLOCK], 0);
+            for (i, ([drawn, _], limit)) in words.iter().zip(limits).enumerate() {
+                echoes[count] = i;
+                count += usize::from(drawn <= limit);
+            }
+            for &i in &echoes[..count] {
                 let sample = start + i;
-                let echo = echo(phase, self.shares[sample]);
-                let reached = sample.saturating_sub(reach)..(sample + reach + 1).min(samples);
-                let weights = &self.axial[reached.start + reach - sample..];
+                let echo = self.phases[(words[i][1] >> 24) as usize].map(|part| part * self.amplitudes[sample]);
                 for (part, echo) in [&mut *re, &mut *im].into_iter().zip(echo) {
-                    for (sum, weight) in part[reached.clone()].iter_mut().zip(weights) {
+                    for (sum, weight) in part[sample..][..taps].iter_mut().zip(self.axial) {
                         *sum += weight * echo;
                     }
                 }
             }
         }
         for part in [re, im] {
-            for (sum, norm) in part.iter_mut().zip(self.norms) {
+            for (sum, norm) in part[taps / 2..].iter_mut().zip(self.norms) {
                 *sum /= norm;
             }
         }
@@ -137,13 +151,15 @@ impl Kernel for Along<'_> {
 struct Across<'a> {
     kernel: &'a LateralKernel,
     /// Real, then imaginary parts of each.
-    scanlines: &'a [f64],
+    scanlines: &'a [f32],
+    /// Number of their values beyond each end.
+    reach: usize,
     /// Index of the scanline, and number of scanlines.
     line_and_count: [usize; 2],
     /// Mean power at each sample.
-    means: &'a [f64],
+    means: &'a [f32],
     /// Roots of the sums of squares of the weights at each sample, of a kernel that no edge truncates.
-    norms: &'a [f64],
+    norms: &'a [f32],
     clutter: &'a mut [f32],
 }
 
@@ -154,20 +170,21 @@ impl Kernel for Across<'_> {
     fn run(self) {
         let samples = self.means.len();
         let parts = |line: usize| {
-            let part = |part: usize| &self.scanlines[(2 * line + part) * samples..][..samples];
+            let length = samples + 2 * self.reach;
+            let part = |part: usize| &self.scanlines[(2 * line + part) * length + self.reach..][..samples];
             [part(0), part(1)]
         };
         let blocks = self.clutter.chunks_mut(BLOCK).zip(self.means.chunks(BLOCK));
         for (block, (clutter, means)) in blocks.enumerate() {
             let start = block * BLOCK;
             let [re, im] = self.kernel.sums(self.line_and_count, start, parts);
-            let mut norms: [f64; BLOCK] = array(|i| self.norms[start + i]);
+            let mut norms: [f32; BLOCK] = array(|i| self.norms[start + i]);
             if self.kernel.is_truncated(self.line_and_count, start) {
-                norms = map(self.kernel.squares(self.line_and_count, start), f64::sqrt);
+                norms = map(self.kernel.squares(self.line_and_count, start), f32::sqrt);
             }
             for i in 0..clutter.len() {
                 let (re, im) = (re[i] / norms[i], im[i] / norms[i]);
-                clutter[i] = (means[i] * (re * re + im * im)) as f32;
+                clutter[i] = means[i] * (re * re + im * im);
             }
         }
     }
@@ -190,20 +207,14 @@ fn width(kernel: &[f64]) -> f64 {
 }
 
 /// Divisors with which a convolution of `count` independent values of unit power has unit power, at the ends, too.
-fn norms(kernel: &[f64], count: usize) -> Vec<f64> {
+fn norms(kernel: &[f64], count: usize) -> Vec<f32> {
     let reach = kernel.len() / 2;
     let norm = |index: usize| {
         let others = index.saturating_sub(reach)..=(index + reach).min(count - 1);
         let power = others.fold(0.0, |power, other| power + kernel[other + reach - index].powi(2));
-        power.sqrt()
+        power.sqrt() as f32
     };
     (0..count).map(norm).collect()
-}
-
-/// Parts of an echo of a drawn phase, of mean power 1 where it is present with probability `share`.
-fn echo(phase: u32, share: f64) -> [f64; 2] {
-    let (sine, cosine) = (TAU * (f64::from(phase) / WORDS)).sin_cos();
-    [cosine, sine].map(|part| part / share.sqrt())
 }
 
 /// Log-normal factor on the power at each sample depth, of mean 1.
