@@ -69,9 +69,32 @@ pub struct Range<T> {
     pub expected: &'static str,
 }
 
+/// Ends of keys, and units in which their numbers are found instead, with the factor to that of the key.
+const OTHER_UNITS: [(&str, &[(&str, f64)]); 5] = [
+    ("_mhz", &[("Hz", 1e-6), ("kHz", 1e-3)]),
+    ("_mm", &[("m", 1e3), ("um", 1e-3)]),
+    ("_ms", &[("s", 1e3)]),
+    ("_kpa", &[("Pa", 1e-3), ("MPa", 1e3)]),
+    ("_deg", &[("rad", 180.0 / std::f64::consts::PI)]),
+];
+
 impl<T> Range<T> {
     fn excludes(&self, number: f64) -> bool {
         !(number.is_finite() && (self.holds)(number))
+    }
+
+    /// The range in words, and the unit in which an excluded number would be in it.
+    fn expected_for(&self, number: f64) -> String {
+        let is_of = |(end, _): &&(&str, _)| self.key.ends_with(end) && !self.key.ends_with("_per_mm");
+        let units = OTHER_UNITS.iter().find(is_of).map_or(&[][..], |(_, units)| *units);
+        let fits = units.iter().find(|(_, factor)| !self.excludes(number * factor));
+        match fits {
+            Some((unit, factor)) => {
+                let rounded = format!("{:.4e}", number * factor).parse::<f64>().unwrap_or(number * factor);
+                format!("{} (if it is in {unit}, state {rounded})", self.expected)
+            }
+            None => self.expected.to_owned(),
+        }
     }
 }
 
@@ -82,11 +105,11 @@ pub trait Ranges: Sized + 'static {
     /// Ranges of the numbers that have one.
     const RANGES: &'static [Range<Self>];
 
-    /// The first number out of its range, with its key and the range.
-    fn out_of_range(&self) -> Option<(&'static str, f64, &'static str)> {
+    /// The first number out of its range, with its key and what is expected.
+    fn out_of_range(&self) -> Option<(&'static str, f64, String)> {
         Self::RANGES.iter().find_map(|range| {
             let number = (range.stated)(self).filter(|number| range.excludes(*number))?;
-            Some((range.key, number, range.expected))
+            Some((range.key, number, range.expected_for(number)))
         })
     }
 
@@ -110,7 +133,7 @@ pub trait Ranges: Sized + 'static {
             .iter()
             .find(|range| range.key == key && range.excludes(number))
         {
-            Some(range) => Err(OutOfRange::new(key, number, range.expected)),
+            Some(range) => Err(OutOfRange::new(key, number, range.expected_for(number))),
             None => Ok(()),
         }
     }
@@ -255,7 +278,9 @@ impl<N: Number> Number for Option<N> {
 /// }
 ///
 /// let grid = Grid { pixel_mm: Some(0.0), ..Grid::default() };
-/// assert_eq!(grid.out_of_range(), Some(("pixel_mm", 0.0, "above 0, at most 5 mm")));
+/// assert_eq!(grid.out_of_range(), Some(("pixel_mm", 0.0, "above 0, at most 5 mm".to_owned())));
+/// let grid = Grid { depth_mm: 0.15, ..Grid::default() };
+/// assert_eq!(grid.out_of_range().unwrap().2, "5 to 300 mm (if it is in m, state 150)");
 /// ```
 #[macro_export]
 macro_rules! parameters {

@@ -52,9 +52,9 @@ impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd
     /// number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, SelectionError> {
-        let number = |key: String, found: f64, expected| Err(Box::new((key, InvalidFile::number(found, expected))));
+        let number = |key: String, found: f64, expected: &str| Err(Box::new((key, InvalidFile::number(found, expected))));
         if let Some((name, found, expected)) = self.out_of_range() {
-            return number(format!("{key}.{name}"), found, expected);
+            return number(format!("{key}.{name}"), found, &expected);
         }
         if let Some(index) = self.at_mm.iter().position(|x| !x.is_finite()) {
             return number(format!("{key}.at_mm[{index}]"), self.at_mm[index], "a coordinate, mm");

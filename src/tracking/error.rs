@@ -120,7 +120,7 @@ impl Blame for TrackingError {
 pub(super) fn in_ranges(owner: &str, table: &impl Ranges) -> Result<(), TrackingError> {
     match table.out_of_range() {
         None => Ok(()),
-        Some((key, number, expected)) => Err(outside(owner, key, number, expected)),
+        Some((key, number, expected)) => Err(outside(owner, key, number, &expected)),
     }
 }
 

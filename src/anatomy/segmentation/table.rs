@@ -111,14 +111,21 @@ impl Names {
         Ok(())
     }
 
-    /// Parses the `labels` of a data set of nnU-Net: names with values, or values with names. A name may have several
-    /// values, as a region does; a value then has the name of the smallest one.
+    /// Parses the `labels` of a data set of nnU-Net, or a table of nothing else: names with values, or values with names.
+    /// A name may have several values, as a region does; a value then has the name of the smallest one.
     fn read_json(&mut self, text: &str) -> Result<(), VolumeError> {
         const EXPECTED: &str = "`labels` with a value or a list of values for each name, or a name for each value, as nnU-Net's dataset.json \
                                 has it";
         let fail = |line: usize, found: String| VolumeError::malformed(&self.path, At::Line(line), found, EXPECTED);
         let json: Value = serde_json::from_str(text).map_err(|error| fail(error.line(), error.to_string()))?;
-        let labels = json.get("labels").and_then(Value::as_object);
+        let is_row = |(key, value): (&String, &Value)| match value {
+            Value::String(_) => key.parse::<i64>().is_ok(),
+            value => value.is_i64(),
+        };
+        let bare = json
+            .as_object()
+            .filter(|rows| !rows.is_empty() && rows.iter().all(is_row));
+        let labels = json.get("labels").and_then(Value::as_object).or(bare);
         let labels = labels.ok_or_else(|| fail(1, "no table `labels`".to_owned()))?;
         let mut regions = Vec::new();
         for (key, value) in labels {

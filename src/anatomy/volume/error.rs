@@ -90,7 +90,8 @@ pub enum VolumeError {
     /// A label volume holds a number that is not a label.
     #[error(
         "{}: voxel ({}, {}, {}) is {value:?}{origin}, expected a whole number: this is no label volume (labels are stored as whole \
-         numbers within 2^63 of 0, without a scale; a segmentation is resampled by the nearest neighbour)",
+         numbers within 2^63 of 0, without a scale; a segmentation is resampled by the nearest neighbour, of a \
+         probability map save where it is at least 0.5)",
         path.display(), voxel[0], voxel[1], voxel[2]
     )]
     Fractional {

@@ -149,7 +149,7 @@ parameters! {
         length_mm: Option<f64>, in 0.1..=1000 "mm";
         /// Diameter. Default 1.27 (18 gauge).
         #[serde(skip_serializing_if = "Option::is_none")]
-        diameter_mm: Option<f64>, in 0.05..=10 "mm";
+        diameter_mm: Option<f64>, in 0.05..=10 "mm (18 gauge: 1.27)";
         /// Motion, in place of a constant pose.
         #[serde(skip_serializing_if = "Option::is_none")]
         motion: Option<NeedleMotionSpec>;

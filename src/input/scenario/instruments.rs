@@ -22,7 +22,7 @@ parameters! {
         /// Length from base to tip. Default 150; 200 for `springs` and `beam`.
         length_mm: Option<f64>, in 0.1..=1000 "mm";
         /// Diameter. Default 1.27 (18 gauge); 1.28 for `springs` and `beam`.
-        diameter_mm: Option<f64>, in 0.05..=10 "mm";
+        diameter_mm: Option<f64>, in 0.05..=10 "mm (18 gauge: 1.27)";
         /// In place of `motion`: target of a straight insertion and withdrawal, at `plan.speed_mm_s` and with
         /// `plan.pause_s`: the name of a label or tissue, a part of one (the largest matching label counts), or a label
         /// value. The tip goes to the innermost point of it in the image plane. A probe without a pose is placed over

@@ -72,6 +72,9 @@ fn data_sets_of_nnunet_name_labels() {
     assert_eq!(of(by_name), ["liver", "left kidney", "spleen"]);
     let by_value = r#"{"labels": {"0": "background", "1": "liver", "2": "left kidney"}}"#;
     assert_eq!(of(by_value), ["liver", "left kidney", "-"]);
+    let bare = r#"{"1": "liver", "3": "spleen"}"#;
+    assert_eq!(of(bare), ["liver", "-", "spleen"]);
+    assert_eq!(of(r#"{"liver": 1, "spleen": 2}"#), ["liver", "spleen", "-"]);
     let regions = r#"{"labels": {"background": 0, "core": [2, 3], "enhancing": 3, "whole": [1, 2, 3]}}"#;
     assert_eq!(of(regions), ["whole", "core", "enhancing"]);
 

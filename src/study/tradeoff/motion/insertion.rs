@@ -13,7 +13,7 @@ use insonify_imaging::rf::truth::{self, Followed};
 use insonify_imaging::rf::{Acquisition, medium};
 
 /// Description of the insertion, in words.
-pub(crate) const ABOUT: &str = "two-layer phantom, 991 nodes, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
+pub(crate) const ABOUT: &str = "two-layer phantom, 991 nodes, viscoelastic, needle 5 mm out of the plane, in to 40 mm, half out and in again, out; 75 mm, 10 frames a \
                          second";
 
 const SCENARIO: &str = r#"
@@ -33,6 +33,7 @@ only = ["needle"]
 slice.beyond = "void"
 [tissue]
 nodes = 991
+model = "viscoelastic"
 # The back, where the probe is, and the base.
 [[tissue.fix]]
 box_mm = [[-inf, -inf, 44], [inf, inf, inf]]
@@ -46,6 +47,10 @@ cutting_n = 0.5
 region = "phantom_inclusion"
 friction_n_per_mm = 0.03
 cutting_n = 1.0
+# The order is that of liver (Kobayashi et al. 2010); the article has none of its phantom.
+[tissue.viscosity]
+order = 0.1
+memory = "load-integral"
 [needle]
 length_mm = 120
 diameter_mm = 1.27
