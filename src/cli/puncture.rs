@@ -173,8 +173,9 @@ struct JsonOutput<'a> {
 }
 
 fn text(fitted: &PunctureFit) -> String {
+    let notes: String = fitted.notes.iter().map(|note| format!("note: {note}\n")).collect();
     format!(
-        "fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
+        "{notes}fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
         fitted.samples.len(),
         fitted.young_kpa,
         fitted.knee_strain,

@@ -62,6 +62,9 @@ const EXPECTED_RUNS: usize = 150;
 pub struct Identification {
     /// Offset of the load cell, the mean force before the tissue, which is taken off, N; `None` without such a force.
     pub offset_n: Option<f64>,
+    /// Drift of the load cell, its mean force after the needle is out again less the offset, which is taken off evenly over
+    /// the rows, N; `None` without such forces.
+    pub drift_n: Option<f64>,
     /// Piecewise-linear model of the measured force.
     pub force_model: Piecewise,
     /// Law of the tissue whose displacements are compared; `None` if it is linear.
@@ -153,6 +156,7 @@ pub fn identify(
     let results = parallel::try_map(&case.poisson[..], &identify)?;
     Ok(Identification {
         offset_n: data.offset_n,
+        drift_n: data.drift_n,
         force_model: model,
         law: case.law.clone(),
         results,
@@ -182,6 +186,7 @@ pub(super) fn identify_simulated(
     let data = Measurements {
         force: thinned(&course.force),
         offset_n: Some(0.0),
+        drift_n: None,
         motion: Some(motion),
     };
     let model = data.model(case)?;
@@ -414,6 +419,12 @@ impl<'a> Search<'a> {
                 "the load cell reads {offset:.4} N before the tissue: this offset was taken off"
             )),
             Some(_) => {}
+        }
+        if let Some(drift) = self.data.drift_n.filter(|drift| drift.abs() > OFFSET * largest) {
+            self.notes.push(format!(
+                "the load cell reads {drift:.4} N more after the needle is out again than before the tissue: this drift was taken off, evenly over \
+                 the rows"
+            ));
         }
         if force.rms_n > (WORSE.0 * self.model.rms_n).max(WORSE.1 * largest) {
             self.notes.push(format!(

@@ -222,6 +222,9 @@ pub fn plan(
         .transpose()?;
     if section.is_some() {
         candidates::in_plane(scenario, &target)?;
+        notes.push(
+            "a section knows no motion across its plane: `insonify insert` of the plan tells the miss in three dimensions".to_owned(),
+        );
     }
     let mut tissue = section.unwrap_or_else(|| scenario.clone());
     // Guides, deposits and changes of level belong to the insertion of

@@ -18,6 +18,8 @@ use insonify_base::statistics::{mean, slope};
 const COLUMNS: [&str; 5] = ["body", "diameter_mm", "x_mm", "y_mm", "z_mm"];
 /// Bodies with markers.
 const BODIES: [&str; 2] = ["container", "stage"];
+/// Most sizes that an error lists.
+const MAX_LISTED: usize = 24;
 /// Largest ratio of the diameter of a marker found and that of the design.
 const MAX_SIZE_RATIO: f64 = 1.5;
 /// Least length of a needle, mm.
@@ -120,7 +122,20 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
             off(bright, size) < MAX_SIZE_RATIO.ln() && off(bright, size) < off(bright, other_size)
         };
         let centres: Vec<_> = bodies.iter().filter(alike).map(|bright| bright.centre_mm).collect();
-        let named = |error| VolumeError::new(format!("markers of the {}: {error}", BODIES[body]));
+        let sizes = || {
+            let mut sizes: Vec<f64> = bodies.iter().map(|bright| bright.diameter_mm).collect();
+            sizes.sort_by(f64::total_cmp);
+            let listed: Vec<String> = sizes.iter().take(MAX_LISTED).map(|size| format!("{size:.2}")).collect();
+            let more = if sizes.len() > MAX_LISTED { " and more" } else { "" };
+            format!("{}{more}", listed.join(", "))
+        };
+        let named = |error| {
+            VolumeError::new(format!(
+                "markers of the {}, {size} mm: {error}; bright bodies of {} mm were found (another `--threshold` changes their size)",
+                BODIES[body],
+                sizes()
+            ))
+        };
         let placed = markers::place(&design.centres_mm[body], &centres).map_err(named)?;
         let matched = placed
             .matched

@@ -39,6 +39,8 @@ pub(super) struct Measurements {
     pub force: Vec<[f64; 2]>,
     /// Offset of the load cell, N; `None` without a force before the tissue.
     pub offset_n: Option<f64>,
+    /// Force after the needle has come out again less the offset, N: the drift of the load cell. `None` without either.
+    pub drift_n: Option<f64>,
     /// Measured displacements.
     pub motion: Option<MeasuredMotion>,
 }
@@ -84,7 +86,7 @@ impl Measurements {
     /// # Errors
     /// [`Error`] with the table and what it lacks.
     pub(super) fn read(case: &IdentificationCase) -> Result<Self, Error> {
-        let (force, offset_n) = forces(case)?;
+        let (force, offset_n, drift_n) = forces(case)?;
         let end = force.last().map_or(0.0, |row| row[0]);
         if let Some(layer) = case.layers.iter().find(|layer| layer.begins_mm >= end) {
             let text = format!(
@@ -100,6 +102,7 @@ impl Measurements {
         Ok(Self {
             force,
             offset_n,
+            drift_n,
             motion,
         })
     }
@@ -128,15 +131,23 @@ impl Measurements {
     }
 }
 
-/// Mean force of the rows before the tip first enters the tissue, N.
-fn offset_n(rows: &[[f64; 2]]) -> Option<f64> {
-    let approach = rows.iter().take_while(|row| row[0] <= 0.0);
-    let before: Vec<f64> = approach.filter(|row| row[0] <= -BEFORE_MM).map(|row| row[1]).collect();
-    (before.len() >= MIN_BEFORE).then(|| before.iter().sum::<f64>() / before.len() as f64)
+/// Row and force in the mean (N) of those rows, out of an iterator from an end of the table to the tissue, in which the
+/// tip is clear of it.
+fn outside<'a>(rows: impl Iterator<Item = (usize, &'a [f64; 2])>) -> Option<(f64, f64)> {
+    let clear: Vec<(usize, f64)> = rows
+        .take_while(|(_, row)| row[0] <= 0.0)
+        .filter(|(_, row)| row[0] <= -BEFORE_MM)
+        .map(|(index, row)| (index, row[1]))
+        .collect();
+    let count = clear.len() as f64;
+    let sums = clear
+        .iter()
+        .fold((0.0, 0.0), |(index, force), row| (index + row.0 as f64, force + row.1));
+    (clear.len() >= MIN_BEFORE).then(|| (sums.0 / count, sums.1 / count))
 }
 
-/// The curve of the first push less the offset of the load cell, and that offset.
-fn forces(case: &IdentificationCase) -> Result<(Vec<[f64; 2]>, Option<f64>), Error> {
+/// The curve of the first push less offset and drift of the load cell, and these two.
+fn forces(case: &IdentificationCase) -> Result<(Vec<[f64; 2]>, Option<f64>, Option<f64>), Error> {
     let path = &case.force;
     let table = Csv::open(path, &[])?;
     let tip = ["measured_tip_x_mm", "measured_tip_y_mm", "measured_tip_z_mm"];
@@ -156,10 +167,22 @@ fn forces(case: &IdentificationCase) -> Result<(Vec<[f64; 2]>, Option<f64>), Err
         });
     }
     let depths: Vec<f64> = rows.iter().map(|row| row[0]).collect();
-    let offset_n = offset_n(&rows);
+    let before = outside(rows.iter().enumerate());
+    let after = outside(rows.iter().enumerate().rev());
+    // What the load cell reads without a force: a drift is even over the rows.
+    let (offset_n, drift_n) = (
+        before.map(|(_, force)| force),
+        before.zip(after).map(|(a, b)| b.1 - a.1),
+    );
+    let zero = |index: usize| match (before, after) {
+        (Some((first, offset)), Some((last, end))) if last > first => {
+            offset + (end - offset) * (index as f64 - first) / (last - first)
+        }
+        _ => offset_n.unwrap_or(0.0),
+    };
     let push: Vec<[f64; 2]> = first_push(&depths)
         .into_iter()
-        .map(|index| [rows[index][0], rows[index][1] - offset_n.unwrap_or(0.0)])
+        .map(|index| [rows[index][0], rows[index][1] - zero(index)])
         .collect();
     let Some(end) = push.last().map(|row| row[0]) else {
         return Err(unusable(
@@ -190,7 +213,7 @@ fn forces(case: &IdentificationCase) -> Result<(Vec<[f64; 2]>, Option<f64>), Err
         let text = "found a force that is not positive at the deepest point; expected one that is positive while the needle is pushed in";
         return Err(unusable(path, text.to_owned()));
     }
-    Ok((thinned(&push), offset_n))
+    Ok((thinned(&push), offset_n, drift_n))
 }
 
 /// Means of neighbouring points, at most 300.

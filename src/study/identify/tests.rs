@@ -9,7 +9,7 @@ use nalgebra::{Point3, Vector3};
 use super::data::{MeasuredMotion, Measurements};
 use super::simulate::Simulator;
 use super::{Identification, Identified, identify, identify_simulated, simulated_layers};
-use crate::identification::CaseFile;
+use crate::identification::{CaseFile, IdentificationCase};
 use insonify::input::scenario::ScenarioFile;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
 use insonify_mechanics::insertion::StepError;
@@ -59,6 +59,9 @@ tip_mm = [0, 5, 1]
 direction = [0, 0, 1]
 "#;
 
+const KNOWN_LAYERS: &str =
+    "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
+
 /// Writes the force of every step and the displacements of nodes at intervals, as a user's tables.
 struct Recorder {
     force: String,
@@ -107,15 +110,19 @@ fn write(folder: &Path, scenario: &str) {
     std::fs::write(folder.join("u.csv"), recorder.motion).unwrap();
 }
 
-/// Identifies a case in a folder with the phantom's scenario.
-fn identified_case(folder: &Path, scenario: &str, extra: &str) -> Identification {
+/// A case in a folder with the phantom's scenario.
+fn case(folder: &Path, scenario: &str, extra: &str) -> IdentificationCase {
     std::fs::write(folder.join("phantom.toml"), scenario).unwrap();
     let text = format!("scenario = \"phantom.toml\"\nforce.file = \"force.csv\"\n{extra}");
-    let case = CaseFile::parse(&text, "case.toml")
+    CaseFile::parse(&text, "case.toml")
         .unwrap()
         .resolve(folder, &mut |_| {})
-        .unwrap();
-    identify(case, &|_| ControlFlow::Continue(())).unwrap()
+        .unwrap()
+}
+
+/// Identifies it.
+fn identified_case(folder: &Path, scenario: &str, extra: &str) -> Identification {
+    identify(case(folder, scenario, extra), &|_| ControlFlow::Continue(())).unwrap()
 }
 
 /// Asserts that the forces returned within 2 %.
@@ -135,8 +142,7 @@ fn assert_forces(identified: &Identified) {
 fn parameters_that_made_the_data_return() {
     let folder = tempfile::tempdir().unwrap();
     write(folder.path(), PHANTOM);
-    let known_layers = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
-    let identified = identified_case(folder.path(), PHANTOM, known_layers);
+    let identified = identified_case(folder.path(), PHANTOM, KNOWN_LAYERS);
     assert_forces(&identified.results[0]);
     assert!(identified.results[0].motion.is_none() && identified.results[0].force.rms_n < 0.01);
     let start = "motion.file = \"u.csv\"\n[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nyoung_kpa = 22\n";
@@ -289,6 +295,40 @@ fn measurements_that_cannot_be_used_are_told() {
     assert!(unknown(&head.replace("phantom.toml", "two-layer-insertio")).contains("two-layer-insertion"));
 }
 
+/// A load cell that reads 50 mN at rest and 0.3 N more when the needle is out again: the curve is that without either.
+#[test]
+fn a_drift_of_the_load_cell_is_taken_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let depth = |row: i32| 40.0 - 0.25 * f64::from((row - 200).abs());
+    let rows = |reads: &dyn Fn(f64) -> f64| {
+        let lines = (0..=400).map(|row| {
+            let force = 0.03 * depth(row).max(0.0);
+            format!("{},{}\n", depth(row), force + reads(f64::from(row) / 400.0))
+        });
+        std::fs::write(
+            folder.path().join("force.csv"),
+            "tip_mm,force_n\n".to_owned() + &lines.collect::<String>(),
+        )
+        .unwrap();
+        Measurements::read(&case(folder.path(), PHANTOM, KNOWN_LAYERS)).unwrap()
+    };
+    let (exact, measured) = (rows(&|_| 0.0), rows(&|share| 0.05 + 0.3 * share));
+    // The rows in the mean before the tissue are 20 after the first, so are those at the end.
+    assert!(
+        (measured.offset_n.unwrap() - 0.065).abs() < 0.002,
+        "{:?}",
+        measured.offset_n
+    );
+    assert!(
+        (measured.drift_n.unwrap() - 0.27).abs() < 0.004,
+        "{:?}",
+        measured.drift_n
+    );
+    for (exact, measured) in exact.force.iter().zip(&measured.force) {
+        assert!((exact[1] - measured[1]).abs() < 1e-9, "{exact:?} {measured:?}");
+    }
+}
+
 /// A load cell that reads 50 mN at rest, with 20 mN of noise: the offset is taken off and told, and parameters return;
 /// without the rows before the tissue, its absence is told.
 #[test]
@@ -297,7 +337,6 @@ fn an_offset_of_the_load_cell_is_taken_off() {
     let folder = tempfile::tempdir().unwrap();
     let scenario = &PHANTOM.replace("dt_ms = 100", "dt_ms = 50");
     write(folder.path(), scenario);
-    let known_layers = "[[layer]]\nregion = \"top\"\nknown = true\n[[layer]]\nregion = \"inclusion\"\nknown = true\n";
     let path = folder.path().join("force.csv");
     let exact = std::fs::read_to_string(&path).unwrap();
     let seed = insonify_base::random::seed_words(5);
@@ -313,7 +352,7 @@ fn an_offset_of_the_load_cell_is_taken_off() {
         })
         .collect();
     std::fs::write(&path, &measured).unwrap();
-    let identified = identified_case(folder.path(), scenario, known_layers);
+    let identified = identified_case(folder.path(), scenario, KNOWN_LAYERS);
     let offset_n = identified.offset_n.unwrap();
     assert!((offset_n - OFFSET_N).abs() < 0.01, "{offset_n}");
     let result = &identified.results[0];
@@ -332,7 +371,7 @@ fn an_offset_of_the_load_cell_is_taken_off() {
     }
     let in_tissue: Vec<&str> = measured.lines().filter(|line| !line.starts_with('-')).collect();
     std::fs::write(&path, in_tissue.join("\n")).unwrap();
-    let unknown = identified_case(folder.path(), scenario, known_layers);
+    let unknown = identified_case(folder.path(), scenario, KNOWN_LAYERS);
     assert_eq!(unknown.offset_n, None);
     let notes = &unknown.results[0].notes;
     assert!(

@@ -15,6 +15,9 @@ use curve::StiffeningCurve;
 use insonify_base::statistics::mean;
 use insonify_mechanics::tissue::viscoelastic::point::Structure;
 
+/// Difference of orders from which one law does not fit two tests, and clear differences in standard errors.
+const OTHER_ORDER: f64 = 0.05;
+const CLEAR: f64 = 3.0;
 /// Least number of frequencies, for two unknowns.
 const MIN_FREQUENCIES: usize = 3;
 /// Least number of strains, for three unknowns.
@@ -96,9 +99,31 @@ impl MaterialFit {
             fit.dynamic = Some(dynamic(&measured.moduli, &mut fit.warnings)?);
         }
         if !measured.creep.is_empty() {
+            let of_creep = order_of_creep(&measured.creep);
             let order = match order.or(fit.dynamic.as_ref().map(|dynamic| dynamic.order.value)) {
-                Some(order) => order,
-                None => order_of_creep(&measured.creep)?,
+                Some(order) => {
+                    if let Ok(own) = &of_creep
+                        && (own.value - order).abs() > OTHER_ORDER.max(CLEAR * own.standard_error)
+                    {
+                        fit.warnings.push(format!(
+                            "creep is evaluated with the order {order:.3}, and strain in the test of the least stress grows as time to the power \
+                             {:.3} +- {:.3}: one spring-pot does not fit both",
+                            own.value, own.standard_error
+                        ));
+                    }
+                    order
+                }
+                None => {
+                    let own = of_creep?;
+                    if own.value < CLEAR * own.standard_error {
+                        fit.warnings.push(format!(
+                            "the order {:.4} +- {:.4}, of the strain in the test of the least stress, is not clearly above 0: state it with `--order`, or \
+                             give moduli",
+                            own.value, own.standard_error
+                        ));
+                    }
+                    own.value
+                }
             };
             fit.creep = Some(creep(&measured.creep, order, memory, &mut fit.warnings)?);
         }
@@ -171,7 +196,7 @@ fn dynamic(points: &[Modulus], warnings: &mut Vec<String>) -> Result<SpringPotFi
 }
 
 /// Order from the slope of strain against time, on logarithmic scales, in the test of the least stress.
-fn order_of_creep(tests: &[CreepTest]) -> Result<f64, String> {
+fn order_of_creep(tests: &[CreepTest]) -> Result<Estimate, String> {
     let least = tests.iter().min_by(|a, b| a.stress_kpa.total_cmp(&b.stress_kpa));
     let rows: Vec<[f64; 2]> = least.iter().flat_map(|test| test.rows.iter().copied()).collect();
     let (x, y): (Vec<f64>, Vec<f64>) = rows.iter().map(|[time, strain]| (time.ln(), strain.ln())).unzip();
@@ -183,8 +208,15 @@ fn order_of_creep(tests: &[CreepTest]) -> Result<f64, String> {
         ));
     }
     let order = insonify_base::statistics::slope(&x, &y);
+    let (middle, level) = (mean(&x), mean(&y));
+    let residual = |(x, y): (&f64, &f64)| (y - level - order * (x - middle)).powi(2);
+    let residuals: f64 = x.iter().zip(&y).map(residual).sum();
+    let spread: f64 = x.iter().map(|x| (x - middle).powi(2)).sum();
     if order > 0.0 && order < 1.0 {
-        Ok(order)
+        Ok(Estimate {
+            value: order,
+            standard_error: (residuals / (x.len() as f64 - 2.0) / spread).sqrt(),
+        })
     } else {
         Err(format!(
             "the strain in the test of the least stress grows as time to the power {order:.3}; {expected}"

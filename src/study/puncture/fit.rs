@@ -25,6 +25,10 @@ const DROP: f64 = 0.8;
 const CLEAR: f64 = 8.0;
 /// Standard deviation of normal noise over the median of its magnitude.
 const OF_MEDIAN: f64 = 1.4826;
+/// Fewest points before the capsule from which the offset of the load cell is taken.
+const MIN_BEFORE: usize = 5;
+/// Force before the capsule, or at it, that is an offset, as a fraction of the largest.
+const OFFSET: f64 = 0.02;
 /// Maximum number of iterations.
 const MAX_ITERATIONS: usize = 20;
 /// Relative change of the squared residual that ends the iterations.
@@ -60,8 +64,14 @@ pub struct PunctureFit {
     pub r_squared: f64,
     /// Root mean square of the residual, N.
     pub rms_n: f64,
-    /// Measured points of the first push.
+    /// Measured points of the first push, less the offset.
     pub samples: Vec<ForceSample>,
+    /// Offset of the load cell, N: the mean force at travels of 0 and less, if there are five or more.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub offset_n: Option<f64>,
+    /// Doubts about the curve, for the user.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub notes: Vec<String>,
     /// Fitted force at each point, N.
     pub force_n: Vec<f64>,
     /// Number of iterations.
@@ -96,7 +106,15 @@ pub fn fit(
     samples: &[ForceSample],
     progress: &mut dyn FnMut(f64) -> ControlFlow<()>,
 ) -> Result<PunctureFit, Error> {
-    let samples = first_push(samples)?;
+    let (offset_n, notes) = offset(samples);
+    let zeroed: Vec<ForceSample> = samples
+        .iter()
+        .map(|sample| ForceSample {
+            force_n: sample.force_n - offset_n.unwrap_or(0.0),
+            ..*sample
+        })
+        .collect();
+    let samples = first_push(&zeroed)?;
     // The stiffening ranges over decades: its logarithm is fitted.
     let mut parameters = [options.knee_strain, options.stiffening.max(STIFFENING[0]).ln()];
     let mut best = Trial::of(options, &samples, parameters)?;
@@ -155,8 +173,39 @@ pub fn fit(
             .map(|(sample, residual)| sample.force_n + residual)
             .collect(),
         samples,
+        offset_n,
+        notes,
         iterations,
     })
+}
+
+/// The offset of the load cell, N, from the points before the capsule, and what is to be said of it.
+fn offset(samples: &[ForceSample]) -> (Option<f64>, Vec<String>) {
+    let before: Vec<f64> = samples
+        .iter()
+        .filter(|sample| sample.travel_mm <= 0.0)
+        .map(|sample| sample.force_n)
+        .collect();
+    let mean = before.iter().sum::<f64>() / before.len().max(1) as f64;
+    let largest = samples.iter().map(|sample| sample.force_n).fold(0.0, f64::max);
+    let is_offset = mean.abs() > OFFSET * largest;
+    match before.len() {
+        MIN_BEFORE.. if is_offset => (
+            Some(mean),
+            vec![format!(
+                "the load cell reads {mean:.4} N before the capsule: this offset was taken off"
+            )],
+        ),
+        MIN_BEFORE.. => (Some(mean), Vec::new()),
+        1.. if is_offset => (
+            None,
+            vec![format!(
+                "the force at the capsule is {mean:.4} N and not 0: an offset of the load cell changes all three parameters; give {MIN_BEFORE} \
+                 points or more at travels of 0 mm and less, from which it is taken off"
+            )],
+        ),
+        _ => (None, Vec::new()),
+    }
 }
 
 /// Standard deviation of the noise of a force, N: from the median of second differences, which a smooth curve and a few

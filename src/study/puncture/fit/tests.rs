@@ -86,6 +86,30 @@ fn curves_are_read_and_refused() {
     assert!(error.starts_with("the curve: found "), "{error}");
 }
 
+/// An offset of 50 mN is taken off where the curve begins before the capsule, and told where it has one point there.
+#[test]
+fn an_offset_is_taken_off_or_told() {
+    let (options, samples) = simulated_curve();
+    let shifted = |before: i32| -> Vec<ForceSample> {
+        let before = (1..=before).rev().map(|index| ForceSample {
+            travel_mm: -0.5 * f64::from(index),
+            force_n: 0.0,
+        });
+        let all = before.chain(samples.iter().copied().filter(|sample| sample.travel_mm >= 0.0));
+        all.map(|sample| ForceSample {
+            force_n: sample.force_n + 0.05,
+            ..sample
+        })
+        .collect()
+    };
+    let fitted = fit(&options, &shifted(6), &mut |_| ControlFlow::Continue(())).unwrap();
+    assert!((fitted.young_kpa / 3.0 - 1.0).abs() < 0.05, "{fitted:?}");
+    assert!((fitted.offset_n.unwrap() - 0.05).abs() < 1e-9 && fitted.notes.len() == 1);
+    let (offset_n, notes) = offset(&shifted(1));
+    assert!(offset_n.is_none() && notes[0].contains("not 0"), "{notes:?}");
+    assert_eq!(offset(&samples).1, Vec::<String>::new());
+}
+
 /// A force of 0.6 N that rises with the square of the travel, drops by three quarters at 16 mm and rises again, with
 /// the noise of a load cell: what is used ends at the puncture, not where noise drops by a fifth of next to nothing.
 #[test]
