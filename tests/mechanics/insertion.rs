@@ -6,5 +6,6 @@ mod contact;
 mod edges;
 mod held;
 mod levels;
+mod living;
 mod probe;
 mod support;

@@ -63,9 +63,9 @@ pub(super) struct Inspired {
     pub absent: Vec<String>,
 }
 
-/// Computes the displacements of a mesh's nodes at the end of inspiration; `border_rests` tells whether those on its
-/// surface are 0.
-pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, border_rests: bool) -> Inspired {
+/// Computes the displacements of a mesh's nodes at the end of inspiration, 0 at those that are `held`; `finer` says in
+/// words how there are more nodes.
+pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, held: &[u32], finer: &str) -> Inspired {
     let usual = || TRAVEL_MM.map(|(organ, travel_mm)| (organ.to_owned(), travel_mm)).into();
     let travels: BTreeMap<String, f64> = spec.travel_mm.clone().unwrap_or_else(usual);
     let (mut travel_of, mut absent) = (BTreeMap::new(), Vec::new());
@@ -109,10 +109,7 @@ pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, bo
             edge.iter().for_each(|node| rests[*node as usize] = true);
         }
     }
-    if border_rests {
-        let on_border = mesh.surface().flat_map(|face| face.nodes);
-        on_border.for_each(|node| rests[node as usize] = true);
-    }
+    held.iter().for_each(|node| rests[*node as usize] = true);
     let travel_at = |(label, rests): (&u8, &bool)| {
         let travel_mm = travel_of.get(label).map(|(_, travel_mm)| *travel_mm);
         if *rests { Some(0.0) } else { travel_mm }
@@ -134,9 +131,8 @@ pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, bo
     }
     if !unresolved.is_empty() {
         notes.push(format!(
-            "no node of the mesh lies in {}: it goes with what surrounds it (`deform.nodes` = {} or more gives finer ones)",
-            some_of(&unresolved),
-            8 * mesh.nodes().len()
+            "no node of the mesh lies in {}: it goes with what surrounds it ({finer})",
+            some_of(&unresolved)
         ));
     }
     if !shortened.is_empty() {

@@ -86,7 +86,7 @@ fn one_or_more<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Vec<Displac
 }
 
 /// A position or displacement for each node, mm.
-pub(super) type Nodes = Vec<[f64; 3]>;
+pub type Nodes = Vec<[f64; 3]>;
 
 /// A mesh and its motions, whose displacements add up.
 #[derive(Clone, Debug)]
@@ -97,10 +97,17 @@ pub(super) struct Deformation {
 
 /// Motion of the nodes of a mesh.
 #[derive(Clone, Debug)]
-struct Motion {
+pub struct Motion {
     /// Displacement of each node at an amplitude of 1, mm.
-    displacements: Nodes,
+    pub displacements: Nodes,
     course: Course,
+}
+
+impl Motion {
+    /// Amplitude at a time, s.
+    pub fn at(&self, time_s: f64) -> f64 {
+        self.course.at(time_s)
+    }
 }
 
 /// Amplitude of a motion over time.
@@ -154,7 +161,7 @@ impl Deformation {
         nodes.clear();
         nodes.extend_from_slice(self.mesh.nodes());
         for motion in &self.motions {
-            let amplitude = motion.course.at(time_s);
+            let amplitude = motion.at(time_s);
             for (node, by) in nodes.iter_mut().zip(&motion.displacements) {
                 *node = [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis]);
             }
@@ -208,20 +215,42 @@ impl SceneFile {
                 course: Course::Points(self.amplitude(spec)?),
             });
         }
+        // A mesh over the volume ends in the midst of the body, one of a file where it is meant to.
+        let surface = mesh.surface().filter(|_| spec.mesh.is_none());
+        let ends: Vec<u32> = surface.flat_map(|face| face.nodes).collect();
+        let finer = format!("`deform.nodes` = {} or more gives finer ones", 8 * mesh.nodes().len());
+        motions.extend(self.living(&mesh, body, (&ends, &finer), notes, warnings)?);
+        let mesh = Arc::new(mesh);
+        Ok(Some(Deformation { mesh, motions }))
+    }
+
+    /// Returns respiration and pulsation of the scene on a mesh of which the `held` nodes rest; `finer` says in words how
+    /// there are more nodes.
+    ///
+    /// # Errors
+    /// [`InputError`] with the key and its place in the file.
+    pub fn living(
+        &self,
+        mesh: &TetMesh,
+        body: &Body<'_>,
+        (held, finer): (&[u32], &str),
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<Motion>, InputError> {
+        let mut motions = Vec::new();
         if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.breathing.as_ref()) {
             motions.push(Motion {
-                displacements: self.inspired(spec, &mesh, body, notes, warnings)?,
+                displacements: self.inspired(spec, mesh, body, (held, finer), notes, warnings)?,
                 course: Course::Breathing(spec.clone()),
             });
         }
         if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.pulse.as_ref()) {
             motions.push(Motion {
-                displacements: self.widened(spec, &mesh, body, notes, warnings)?,
+                displacements: self.widened(spec, mesh, body, (held, finer), notes, warnings)?,
                 course: Course::Pulse(spec.clone()),
             });
         }
-        let mesh = Arc::new(mesh);
-        Ok(Some(Deformation { mesh, motions }))
+        Ok(motions)
     }
 
     /// Displacements of a mesh's nodes at the end of inspiration, checked.
@@ -230,6 +259,7 @@ impl SceneFile {
         spec: &BreathingSpec,
         mesh: &TetMesh,
         body: &Body<'_>,
+        (held, finer): (&[u32], &str),
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Nodes, InputError> {
@@ -251,13 +281,11 @@ impl SceneFile {
                 "two times in s, the first before the second",
             ));
         }
-        // A mesh over the volume ends in the midst of the body, one of a file where it is meant to.
-        let border_rests = self.deform.as_ref().is_none_or(|spec| spec.mesh.is_none());
         let Inspired {
             displacements,
             notes: new,
             absent,
-        } = inspired(spec, mesh, body, border_rests);
+        } = inspired(spec, mesh, body, held, finer);
         if let Some(organ) = absent.first() {
             let known = InvalidFile::name(organ, "a label of the volume, a part of its name, or a tissue");
             return Err(self.fault(format!("{key}.travel_mm.{organ}"), known));
@@ -277,6 +305,7 @@ impl SceneFile {
         spec: &PulseSpec,
         mesh: &TetMesh,
         body: &Body<'_>,
+        (held, finer): (&[u32], &str),
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Nodes, InputError> {
@@ -289,7 +318,7 @@ impl SceneFile {
             }
         }
         let Widened {
-            displacements,
+            mut displacements,
             arteries,
             absent,
         } = widened(spec, mesh, body);
@@ -297,6 +326,7 @@ impl SceneFile {
             let known = InvalidFile::name(artery, "a label of the volume, a part of its name, or a tissue");
             return Err(self.fault(format!("{key}.radial_mm.{artery}"), known));
         }
+        held.iter().for_each(|node| displacements[*node as usize] = [0.0; 3]);
         let too_wide = arteries
             .iter()
             .find(|artery| artery.radial_mm > WIDEST_SHARE * artery.radius_mm);
@@ -333,9 +363,8 @@ impl SceneFile {
             .collect();
         if !without_node.is_empty() {
             notes.push(format!(
-                "no node of the mesh lies in {}, which may not be seen to pulsate (`deform.nodes` = {} or more gives finer ones)",
-                some_of(&without_node),
-                8 * mesh.nodes().len()
+                "no node of the mesh lies in {}, which may not be seen to pulsate ({finer})",
+                some_of(&without_node)
             ));
         }
         if spec.radial_mm.is_none() && !arteries.is_empty() {

@@ -75,8 +75,13 @@ parameters! {
 }
 
 impl MotionSpec {
+    /// Returns whether the probe moves.
+    pub fn moves_probe(&self) -> bool {
+        self.keyframes.is_some() || self.csv.is_some() || self.sequence.is_some()
+    }
+
     /// Returns whether the patient breathes or has a pulse.
-    pub(super) fn is_alive(&self) -> bool {
+    pub fn is_alive(&self) -> bool {
         self.breathing.is_some() || self.pulse.is_some()
     }
 }

@@ -311,9 +311,7 @@ impl SceneFile {
 
     /// Key of the table that places the probe in the world, and its axes.
     fn stated_world(&self) -> Option<(&'static str, World)> {
-        let moves =
-            |motion: &&MotionSpec| motion.keyframes.is_some() || motion.csv.is_some() || motion.sequence.is_some();
-        let motion = self.motion.as_ref().filter(moves);
+        let motion = self.motion.as_ref().filter(|motion| motion.moves_probe());
         let pose = self.pose.as_ref().filter(|pose| pose.is_explicit());
         let motion = motion.map(|motion| ("motion", motion.world.unwrap_or_default()));
         motion.or_else(|| pose.map(|pose| ("pose", pose.world.unwrap_or_default())))

@@ -43,6 +43,8 @@ pub struct Aim {
     note: Note,
     /// Warnings, for the user.
     pub warnings: Vec<String>,
+    /// Whether the body breathes, which takes tissue far from the path along.
+    breathes: bool,
 }
 
 /// An entry with its path to the target.
@@ -64,7 +66,7 @@ struct Goal {
 
 impl ScenarioFile {
     /// Returns the path of a needle that is aimed by name.
-    pub(crate) fn aim(&self, scene: &Scene, needle: &NeedleSettings) -> Result<Aim, InputError> {
+    pub(crate) fn aim(&self, scene: &Scene, needle: &NeedleSettings, breathes: bool) -> Result<Aim, InputError> {
         let body = scene.body();
         let pose = scene.probe_path().at(scene.probe_path().start_s());
         let goal = self.goal(scene, &pose)?;
@@ -117,6 +119,7 @@ impl ScenarioFile {
             direction,
             note,
             warnings,
+            breathes,
         })
     }
 
@@ -357,8 +360,11 @@ impl Aim {
             .collect()
     }
 
-    /// Box around the path for the mesh, mm.
+    /// Box around the path for the mesh, mm: all of a volume that breathes.
     fn box_mm(&self) -> [[f64; 3]; 2] {
+        if self.breathes {
+            return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
+        }
         let (a, b) = (self.start, self.tip);
         [
             [0, 1, 2].map(|axis| (a[axis].min(b[axis]) - AROUND_MM).floor()),

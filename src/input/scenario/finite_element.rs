@@ -7,12 +7,13 @@ use super::path_pieces;
 use super::probe::Contact;
 use super::resolve::{Scenario, Timing};
 use super::tissue::{ColumnsName, DeviceName};
-use super::tissue_setup::{Insertion, ResolvedTissue, TissueSetup};
+use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use insonify_base::document::InputError;
 use insonify_base::note::Notes;
 use insonify_gpu::{AdapterChoice, Gpu, Needs};
+use insonify_imaging::scene::deform::Motion;
 use insonify_mechanics::insertion::finite::{Finite, FiniteOptions, Setup};
-use insonify_mechanics::insertion::{InvalidSetup, Model};
+use insonify_mechanics::insertion::{InvalidSetup, Model, TissueMotion};
 use insonify_mechanics::needle::Needle;
 #[cfg(feature = "gpu")]
 use insonify_mechanics::remesh_gpu::maker;
@@ -37,6 +38,8 @@ pub struct FiniteElement {
     pub remeshing: Remeshing,
     /// GPU that stores the dense inverse; `None` on the CPU.
     pub gpu: Option<Gpu>,
+    /// Respiration and pulsation.
+    pub motions: Vec<Motion>,
     /// Times (s, on the clock of the motions) of changes of the level of remeshing and the new levels, ascending.
     pub changes: Vec<(f64, Level)>,
 }
@@ -127,6 +130,7 @@ impl ScenarioFile {
         );
         let meshed = self.deforming(insertion, progress, notes, warnings)?;
         let elements = FiniteElement {
+            motions: self.living(insertion, &meshed, notes, warnings)?,
             materials: meshed.of_elements(|region| region.material),
             contact: self.contact(insertion.scene, &meshed)?,
             fixed: meshed.fixed.clone(),
@@ -135,6 +139,29 @@ impl ScenarioFile {
             changes,
         };
         Ok(meshed.modelled(TissueSetup::FiniteElement(Box::new(elements))))
+    }
+
+    /// Respiration and pulsation of the scene on the mesh, whose fixed nodes rest.
+    fn living(
+        &self,
+        insertion: &Insertion<'_>,
+        meshed: &Deforming,
+        notes: &mut Notes,
+        warnings: &mut Vec<String>,
+    ) -> Result<Vec<Motion>, InputError> {
+        let (scene, _, is_inline) = self.scene_file(insertion.base_dir)?;
+        let mut held: Vec<u32> = meshed.fixed.iter().map(|(node, _)| *node).collect();
+        held.dedup();
+        let finer = match &self.tissue.mesh {
+            Some(_) => "a finer `tissue.mesh` has one".to_owned(),
+            None => format!(
+                "`tissue.nodes` = {} or more gives finer ones",
+                8 * meshed.mesh.nodes().len()
+            ),
+        };
+        scene
+            .living(&meshed.mesh, &insertion.scene.body(), (&held, &finer), notes, warnings)
+            .map_err(|error| self.of_scene(error, is_inline))
     }
 
     /// Opens the GPU, if requested.
@@ -205,11 +232,19 @@ impl FiniteElement {
             None => Finite::new(setup, progress),
         };
         let mut finite = finite.map_err(|error| scenario.file.fault(faulty_key(&error), error))?;
+        finite.live(self.motions.iter().cloned().map(tissue_motion).collect());
         // The other levels keep a whole inverse, of which nothing remains to be read on the way.
         if prepared && self.remeshing.level == Level::Exact {
             prefetch(scenario, &mut finite);
         }
         Ok(Box::new(finite))
+    }
+}
+
+fn tissue_motion(motion: Motion) -> TissueMotion {
+    TissueMotion {
+        displacements: motion.displacements.clone(),
+        share_at: Arc::new(move |time_s| motion.at(time_s)),
     }
 }
 

@@ -18,6 +18,12 @@ impl ScenarioFile {
         base_dir: &Path,
     ) -> Result<(Scene, Moving, Option<Aim>), InputError> {
         let (mut file, folder, is_inline) = self.scene_file(base_dir)?;
+        // Its own motions are those of the tissue's mesh, which is made from the scene.
+        let of_file = file.motion.clone();
+        let breathes = file.motion.as_mut().is_some_and(|motion| {
+            motion.pulse = None;
+            motion.breathing.take().is_some()
+        });
         let of_scene = |error| self.of_scene(error, is_inline);
         let (mut scene, moving, aim) = match &self.needle_table()?.target {
             None => {
@@ -28,7 +34,7 @@ impl ScenarioFile {
             Some(_) => {
                 let pace = self.pace()?;
                 let scene = file.resolve(&folder).map_err(of_scene)?;
-                let aim = self.aim(&scene, needle)?;
+                let aim = self.aim(&scene, needle, breathes)?;
                 let moving = self.moving(needle, Some(aim.keyframes(pace)))?;
                 let mut scene = scene.with_needle(moving.needle.clone()).map_err(of_scene)?;
                 scene.notes.extend(self.aimed_in_words(&aim, pace));
@@ -36,6 +42,7 @@ impl ScenarioFile {
                 (scene, moving, Some(aim))
             }
         };
+        scene.file.motion = of_file;
         // A needle beside the image is common where its motion is the subject.
         if let Some(doubt) = scene.unseen_needle() {
             scene.warnings.retain(|warning| *warning != doubt);
@@ -82,33 +89,37 @@ impl ScenarioFile {
             }
         };
         let motion = file.motion.as_ref();
+        let by_scenario = "a scene without: the scenario moves the needle and the tissue";
+        let linear = "`tissue.model = \"finite-element\"`, on which the motion of the body is superposed";
+        let is_remeshed = self.tissue.model.is_remeshed();
         let moving = [
-            ("needle", file.needle.is_some()),
-            ("deform", file.deform.is_some()),
+            ("needle", file.needle.is_some(), by_scenario),
+            ("deform", file.deform.is_some(), by_scenario),
             (
                 "motion.breathing",
-                motion.is_some_and(|motion| motion.breathing.is_some()),
+                !is_remeshed && motion.is_some_and(|motion| motion.breathing.is_some()),
+                linear,
             ),
-            ("motion.pulse", motion.is_some_and(|motion| motion.pulse.is_some())),
+            (
+                "motion.pulse",
+                !is_remeshed && motion.is_some_and(|motion| motion.pulse.is_some()),
+                linear,
+            ),
         ];
-        if let Some((key, _)) = moving.iter().find(|(_, is_given)| *is_given) {
+        if let Some((key, _, expected)) = moving.into_iter().find(|(_, is_refused, _)| *is_refused) {
             let key_in_file = if is_inline {
                 format!("scene.{key}")
             } else {
                 "scene".to_owned()
             };
-            let found = format!("a scene with `{key}` of its own");
-            return Err(self.wrong_keys(
-                key_in_file,
-                found,
-                "a scene without: the scenario moves the needle and the tissue",
-            ));
+            return Err(self.wrong_keys(key_in_file, format!("a scene with `{key}` of its own"), expected));
         }
         let target = self.needle.as_ref().and_then(|needle| needle.target.clone());
         let is_file = file.volume.as_ref().is_some_and(|volume| volume.file.is_some());
         // A phantom has a pose of its own. Over a volume from a file the default is above the largest soft
         // organ, where the target of the needle may be out of view.
-        if target.is_some() && is_file && file.pose.is_none() && file.motion.is_none() {
+        let moves_probe = file.motion.as_ref().is_some_and(|motion| motion.moves_probe());
+        if target.is_some() && is_file && file.pose.is_none() && !moves_probe {
             file.pose = Some(PoseTable {
                 target,
                 ..PoseTable::default()

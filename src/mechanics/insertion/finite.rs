@@ -28,6 +28,7 @@ use std::time::Instant;
 use nalgebra::{Isometry3, Point3, Translation3, Unit, Vector3};
 
 use super::imager::MeshImager;
+use super::living::{Living, TissueMotion};
 use super::validation::{BASE, check_pose};
 use super::{
     Event, EventKind, Instruments, InvalidSetup, LevelChange, Model, NodeSolver, Outcome, Saved, ShaftLoad, Snapshot,
@@ -157,6 +158,21 @@ impl Finite {
         setup.build(Some(maker), &mut progress)
     }
 
+    /// Lets the tissue move by itself, from the start of the run.
+    pub fn live(&mut self, motions: Vec<TissueMotion>) {
+        if motions.is_empty() {
+            return;
+        }
+        let mut hasher = blake3::Hasher::new();
+        hasher.update(self.fingerprint[1].as_bytes());
+        for motion in &motions {
+            hasher.update(bytemuck::cast_slice(&motion.displacements));
+        }
+        self.fingerprint[1] = setup::short(hasher.finalize());
+        let (mesh, locator) = (Arc::clone(&self.tissue.mesh), Arc::clone(&self.tissue.locator));
+        self.tissue.living = Some(Living::new(motions, mesh, locator));
+    }
+
     /// Returns the mesh at rest.
     pub fn mesh(&self) -> &Arc<TetMesh> {
         &self.tissue.mesh
@@ -195,13 +211,18 @@ impl Finite {
     }
 
     /// Moves the instruments to their new poses, in substeps short enough that no element is skipped.
-    fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
+    /// Tissue that moves by itself does so meanwhile, in the last `dt_s` (s).
+    fn travel(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>, dt_s: f64) {
         let start = self.log.base.unwrap_or_else(|| self.beginning(base));
         let pressed = self.tissue.probe.as_ref();
         let probe_from = pressed.and_then(|probe| probe.pose);
         let mut motion = farthest(&start, base, self.needle.length_mm());
         if let (Some(start), Some(to), Some(pressed)) = (&probe_from, probe, pressed) {
             motion = motion.max(farthest(start, to, pressed.length_mm()));
+        }
+        let [from_s, to_s] = [self.log.time_s - dt_s, self.log.time_s];
+        if let Some(living) = &self.tissue.living {
+            motion = motion.max(living.farthest_mm(from_s, to_s));
         }
         let parts = (motion / self.options.part_mm)
             .ceil()
@@ -213,6 +234,9 @@ impl Finite {
                 if share < 1.0 { start.lerp_slerp(to, share) } else { *to }
             };
             let probe = probe.map(|to| between(probe_from.as_ref().unwrap_or(to), to));
+            if let Some(living) = &mut self.tissue.living {
+                living.go_to(if share < 1.0 { from_s + share * dt_s } else { to_s });
+            }
             self.substep(&between(&start, base), probe.as_ref());
             self.log.outcome.substeps += 1;
         }
@@ -224,21 +248,34 @@ impl Finite {
     fn beginning(&mut self, base: &Isometry3<f64>) -> Isometry3<f64> {
         let PlacedNeedle { model, line, .. } = &mut self.needle;
         model.place(base, None, &[], &[], line);
-        match self.body.anatomy.region(&line.tip()) {
-            Some(_) => base * Translation3::new(0.0, 0.0, -model.length_mm()),
-            None => *base,
+        let (tip, length_mm) = (line.tip(), model.length_mm());
+        if self.is_in_body(&tip) {
+            base * Translation3::new(0.0, 0.0, -length_mm)
+        } else {
+            *base
         }
+    }
+
+    /// Returns whether a point lies in the body where no instrument displaces it.
+    fn is_in_body(&mut self, point: &Point3<f64>) -> bool {
+        let anatomy = self.body.anatomy.as_ref();
+        if self.tissue.living.is_none() {
+            return anatomy.region(point).is_some();
+        }
+        let place = self.tissue.enter(anatomy, point);
+        place.is_some_and(|place| anatomy.region(&self.tissue.point_at(&place)).is_some())
     }
 
     fn substep(&mut self, base: &Isometry3<f64>, probe: Option<&Isometry3<f64>>) {
         self.contacts.start();
         let mut motion_mm = self.tissue.press(probe);
-        let advance = self.needle.base.map_or(0.0, |before| advance(&before, base));
+        // Motions of the needle are those in the tissue, which may move by itself.
+        let (carried, sheared_mm) = self.carry_along();
+        let before = self.needle.base.map(|before| Translation3::from(carried) * before);
+        let advance = before.map_or(0.0, |before| advance(&before, base));
         let advance = if advance.abs() < STILL_MM { 0.0 } else { advance };
-        motion_mm += self
-            .needle
-            .base
-            .map_or(0.0, |before| farthest(&before, base, self.needle.length_mm()));
+        motion_mm += sheared_mm;
+        motion_mm += before.map_or(0.0, |before| farthest(&before, base, self.needle.length_mm()));
         self.tip.dent.advance(advance);
         self.log.cost.count(Work::Search);
         self.contacts.approach(motion_mm);
@@ -267,6 +304,29 @@ impl Finite {
         }
         self.contacts.stick_again();
         self.log.cost.count(Work::Search);
+    }
+
+    /// Carries the entry of the needle along with tissue that moves by itself. Returns the way of the tissue at the tip,
+    /// and the longest by which that at other contacts differs from it, mm.
+    fn carry_along(&mut self) -> (Vector3<f64>, f64) {
+        let Some(living) = &self.tissue.living else {
+            return (Vector3::zeros(), 0.0);
+        };
+        let at_tip = self.tip.at_rest(&self.needle).zip(self.tip.element);
+        let at_tip = at_tip.map_or_else(Vector3::zeros, |(at_rest, element)| {
+            self.tissue.own(&at_rest, element, Living::way)
+        });
+        let contacts = self.contacts.nodes.iter();
+        let ways = contacts.map(|contact| living.way(contact.node, contact.reference.into()));
+        let (mut at_entry, mut sheared_mm) = (None, 0.0f64);
+        for way in ways {
+            at_entry.get_or_insert(way);
+            sheared_mm = sheared_mm.max((way - at_tip).norm());
+        }
+        if let Some(entry) = &mut self.needle.entry {
+            entry.point_mm += at_entry.unwrap_or(at_tip);
+        }
+        (at_tip, sheared_mm)
     }
 
     /// Lets tissue whose surface has broken spring back over the tip, until the tip is held again.
@@ -411,7 +471,7 @@ impl Model for Finite {
     fn start(&mut self, instruments: &Instruments) {
         let tip = instruments.base * Point3::new(0.0, 0.0, self.needle.length_mm());
         let is_new = self.log.steps == 0 && check_pose(BASE, &instruments.base).is_ok();
-        if is_new && self.body.anatomy.region(&tip).is_none() {
+        if is_new && !self.is_in_body(&tip) {
             self.log.base = Some(instruments.base);
         }
     }
@@ -426,7 +486,7 @@ impl Model for Finite {
         (self.tissue.remeshes, self.tissue.crushed) = (0, 0);
         self.needle.guide = instruments.guide;
         let advance = self.log.base.map_or(0.0, |from| advance(&from, &instruments.base));
-        self.travel(&instruments.base, instruments.probe.as_ref());
+        self.travel(&instruments.base, instruments.probe.as_ref(), dt_s);
         if instruments.deposit {
             self.deposit();
         }
@@ -500,7 +560,8 @@ impl Model for Finite {
     fn imager(&self) -> Box<dyn NodeSolver> {
         let dofs = self.tissue.adaptation.mesh().dofs().clone();
         let base = (Arc::clone(&self.base.factor), dofs);
-        Box::new(MeshImager::new(Arc::clone(&self.tissue.mesh), Some(base)))
+        let living = self.tissue.living.clone();
+        Box::new(MeshImager::new(Arc::clone(&self.tissue.mesh), Some(base), living))
     }
 
     fn set_level(&mut self, level: Level) -> Result<LevelChange, StepError> {

@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use nalgebra::{Point3, Vector3};
 
+use super::living::Living;
 use super::{Field, NodeSolver, Snapshot, Tissue, TissueAtTip};
 use crate::tissue::dofs::Dofs;
 use crate::tissue::factor::Factor;
@@ -19,6 +20,7 @@ const FARTHEST: f64 = 2.0;
 pub(super) struct MeshImager {
     mesh: Arc<TetMesh>,
     base: Option<Base>,
+    living: Option<Living>,
     nodes: Vec<[f64; 3]>,
 }
 
@@ -30,8 +32,9 @@ struct Base {
 }
 
 impl MeshImager {
-    /// Takes the factor of the base mesh if snapshots may have forces in place of displacements.
-    pub(super) fn new(mesh: Arc<TetMesh>, base: Option<(Arc<Factor>, Dofs)>) -> MeshImager {
+    /// Takes the factor of the base mesh if snapshots may have forces in place of displacements, and the tissue's own
+    /// motion.
+    pub(super) fn new(mesh: Arc<TetMesh>, base: Option<(Arc<Factor>, Dofs)>, living: Option<Living>) -> MeshImager {
         let base = base.map(|(factor, dofs)| Base {
             displacements: vec![0.0; dofs.free()],
             factor,
@@ -41,6 +44,7 @@ impl MeshImager {
             nodes: vec![[0.0; 3]; mesh.nodes().len()],
             mesh,
             base,
+            living,
         }
     }
 }
@@ -67,17 +71,24 @@ impl NodeSolver for MeshImager {
             }
         };
         write_nodes(self.mesh.nodes(), &snapshot.moved, displacement, into);
+        if let Some(living) = &mut self.living {
+            living.go_to(snapshot.time_s);
+            for ((node, reference), current) in (0..).zip(&into.reference).zip(&mut into.current) {
+                let shift = living.displacement(node, *reference);
+                (0..3).for_each(|axis| current[axis] += shift[axis]);
+            }
+        }
         into.inverted = self.mesh.volumes(&into.current).filter(|volume| *volume <= 0.0).count();
         if let Some(at_tip) = &snapshot.at_tip {
-            at_tip.show(into);
+            at_tip.show(displacement, into);
         }
     }
 }
 
 impl TissueAtTip {
     /// Displaces the nodes around the tip so that the tissue at the tip is there: what a mesh lacks of the dent lies within
-    /// its elements and the patch. Nodes that nothing has displaced are fixed.
-    fn show(&self, tissue: &mut Tissue) {
+    /// its elements and the patch. Nodes that no instrument has displaced are fixed.
+    fn show(&self, displacement: &[[f64; 3]], tissue: &mut Tissue) {
         let corners = || self.corners.iter().map(|node| *node as usize);
         let interpolated = |nodes: &[[f64; 3]]| -> Vector3<f64> {
             let terms = corners().zip(self.shares);
@@ -92,12 +103,12 @@ impl TissueAtTip {
         let mean = |of_node: &dyn Fn(&[f64; 3], &[f64; 3]) -> f64| {
             let terms = corners()
                 .zip(inside)
-                .map(|(node, share)| share * of_node(&tissue.reference[node], &tissue.current[node]));
+                .map(|(node, share)| share * of_node(&tissue.reference[node], &displacement[node]));
             terms.sum::<f64>() / inside.iter().sum::<f64>()
         };
         let reach = self.radius_mm.powi(2) + REACH * mean(&|reference, _| square(reference));
-        let weight = |reference: &[f64; 3], current: &[f64; 3]| {
-            if reference == current {
+        let weight = |reference: &[f64; 3], displacement: &[f64; 3]| {
+            if *displacement == [0.0; 3] {
                 0.0
             } else {
                 (1.0 + square(reference) / reach).powf(-1.5)
@@ -105,8 +116,9 @@ impl TissueAtTip {
         };
         // Beside fixed corners the free ones make up for them as far as they may go.
         let factor = mean(&weight).recip().min(FARTHEST);
-        for (reference, current) in tissue.reference.iter().zip(&mut tissue.current) {
-            let shift = missing * (factor * weight(reference, current));
+        let nodes = tissue.reference.iter().zip(displacement);
+        for ((reference, displacement), current) in nodes.zip(&mut tissue.current) {
+            let shift = missing * (factor * weight(reference, displacement));
             (0..3).for_each(|axis| current[axis] += shift[axis]);
         }
     }
@@ -165,11 +177,9 @@ mod tests {
             ([0.25; 4], [true; 5], true),
             ([0.01, 0.33, 0.33, 0.33], [true, false, false, false, true], false),
         ] {
-            let current: Vec<[f64; 3]> = reference
-                .iter()
-                .zip(is_free)
-                .map(|([x, y, z], is_free)| [*x, *y, if is_free { z + 0.1 } else { *z }])
-                .collect();
+            let displacement = is_free.map(|is_free| [0.0, 0.0, if is_free { 0.1 } else { 0.0 }]);
+            let pairs = reference.iter().zip(displacement);
+            let current: Vec<[f64; 3]> = pairs.map(|([x, y, z], by)| [*x, *y, z + by[2]]).collect();
             let interpolated = |nodes: &[[f64; 3]]| -> Vector3<f64> {
                 nodes
                     .iter()
@@ -189,7 +199,7 @@ mod tests {
                 current: current.clone(),
                 inverted: 0,
             };
-            at_tip.show(&mut tissue);
+            at_tip.show(&displacement, &mut tissue);
             for ((before, after), is_free) in current.iter().zip(&tissue.current).zip(is_free) {
                 let shift = (Vector3::from(*after) - Vector3::from(*before)).norm();
                 assert!(

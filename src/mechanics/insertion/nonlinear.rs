@@ -371,7 +371,7 @@ impl<const D: usize, const N: usize> Model for Nonlinear<D, N> {
     }
 
     fn imager(&self) -> Box<dyn NodeSolver> {
-        Box::new(MeshImager::new(Arc::clone(&self.mesh), None))
+        Box::new(MeshImager::new(Arc::clone(&self.mesh), None, None))
     }
 
     fn stress_kpa(&self) -> Option<&[[[f64; 3]; 3]]> {

@@ -116,7 +116,7 @@ impl Joint {
         self.tissue.set_tip(condensed, probes, tip, tangent);
         (self.guide, self.released) = (guide, released);
         self.tissue
-            .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()));
+            .set_probe(tissue.probe.iter().flat_map(|probe| probe.displacements()), &tissue.own);
     }
 
     /// Returns the number of blocks: contacts, the tissue at the tip, a guide, and released loads.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::tissue::Tissue;
 use crate::insertion::Anatomy;
+use crate::insertion::living::Living;
 use crate::needle::CentreLine;
 use insonify_mesh::{NO_ELEMENT, TetMesh};
 
@@ -89,12 +90,13 @@ impl Tetrahedron {
 }
 
 impl Tissue {
-    /// Locates a tip that is in the body for the first time: only the probe displaces the tissue then.
+    /// Locates a tip that is in the body for the first time: only the probe and its own motion displace the tissue then.
     pub(super) fn enter(&mut self, anatomy: &dyn Anatomy, tip: &Point3<f64>) -> Option<Place> {
-        if self.probe.is_none() {
+        if self.probe.is_none() && self.living.is_none() {
             return self.place_at_rest(anatomy, tip, NO_ELEMENT);
         }
-        let mut place = self.place_at_rest(anatomy, tip, NO_ELEMENT)?;
+        let own = self.own_near(tip);
+        let mut place = self.place_at_rest(anatomy, &(tip - own), NO_ELEMENT)?;
         for _ in 0..ENTRY_ITERATIONS {
             let point = tip - self.displacement_at(&place, &Vector3::zeros());
             let next = self.place_at_rest(anatomy, &point, place.element)?;
@@ -105,6 +107,16 @@ impl Tissue {
             }
         }
         self.search(tip, &Vector3::zeros(), place.element)
+    }
+
+    /// Returns the displacement of the surface nearest to a point by the tissue's own motion, mm.
+    fn own_near(&self, point: &Point3<f64>) -> Vector3<f64> {
+        let shifts = self.surface.iter().map(|(element, centre)| {
+            let shift = self.own(centre, *element, Living::displacement);
+            ((centre + shift - point).norm_squared(), shift)
+        });
+        let nearest = shifts.min_by(|a, b| a.0.total_cmp(&b.0));
+        nearest.map_or_else(Vector3::zeros, |(_, shift)| shift)
     }
 
     /// Locates a point in the original mesh; for one in the body but beside the mesh, in the element at the nearest

@@ -13,7 +13,7 @@ pub(super) struct ProbeNodes {
     contact: ProbeContact,
     /// Positions of the candidates in the probe frame when the tissue is at rest, mm.
     nominal: Vec<Point3<f64>>,
-    /// Positions of the candidates in the world when the tissue is at rest, mm.
+    /// Positions of the candidates in the world where no instrument displaces the tissue, mm.
     at_rest: Vec<Point3<f64>>,
     /// Current positions of the candidates, mm.
     places: Vec<Point3<f64>>,
@@ -45,6 +45,15 @@ impl ProbeNodes {
 
     pub(super) fn nodes(&self) -> &[u32] {
         &self.contact.candidates
+    }
+
+    /// Sets where the candidates lie without instruments, mm.
+    pub(super) fn lie(&mut self, place: impl Fn(u32) -> Point3<f64>) {
+        let candidates = self.contact.candidates.iter();
+        self.at_rest
+            .iter_mut()
+            .zip(candidates)
+            .for_each(|(at_rest, node)| *at_rest = place(*node));
     }
 
     pub(super) fn length_mm(&self) -> f64 {

@@ -60,7 +60,7 @@ pub(super) struct Reduced {
     multipliers: Vec<f64>,
     /// K_nn - K_nP K_PP^-1 K_Pn, column by column.
     compliance: Vec<f64>,
-    /// K_nP K_PP^-1 g.
+    /// K_nP K_PP^-1 g, and the tissue's own motion.
     offset: Vec<f64>,
     contacts: usize,
     has_tip: bool,
@@ -227,8 +227,9 @@ impl Reduced {
         Matrix3::from_fn(|a, b| self.compliance[(3 * column + b) * room + 3 * row + a])
     }
 
-    /// Sets the displacements that the probe prescribes along its rows, mm.
-    pub(crate) fn set_probe(&mut self, displacements: impl Iterator<Item = f64>) {
+    /// Sets the displacements that the probe prescribes along its rows, beside the tissue's own motion, and those by that
+    /// motion at the contacts and at the tip, mm.
+    pub(crate) fn set_probe(&mut self, displacements: impl Iterator<Item = f64>, own: &[Vector3<f64>]) {
         let room = self.room();
         self.multipliers.clear();
         self.multipliers.extend(displacements);
@@ -241,9 +242,14 @@ impl Reduced {
                 .for_each(|(sum, a)| *sum += a * multipliers);
         }
         self.probe.solve(&mut self.multipliers);
+        let axes = own.iter().flat_map(|own| own.iter());
+        self.offset
+            .iter_mut()
+            .zip(axes)
+            .for_each(|(offset, own)| *offset += own);
     }
 
-    /// Returns the displacement of a node by the probe, mm.
+    /// Returns the displacement of a node by the probe and by its own motion, mm.
     pub(super) fn offset(&self, node: usize) -> Vector3<f64> {
         Vector3::from_column_slice(&self.offset[3 * node..3 * node + 3])
     }

@@ -202,6 +202,9 @@ impl Finite {
         (contacts.has_others, contacts.released) = (state.has_others, state.released);
         let log = &mut self.log;
         (log.steps, log.time_s, log.base, log.seeds) = (state.steps, state.time_s, state.base, state.seeds);
+        if let Some(living) = &mut self.tissue.living {
+            living.go_to(state.time_s);
+        }
         self.body.channel = state.channel;
         self.register_contacts();
         self.recompute();

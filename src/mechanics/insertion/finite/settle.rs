@@ -227,6 +227,7 @@ impl Finite {
     /// Takes the compliance of the tissue, and makes room for the forces.
     pub(super) fn take_compliance(&mut self) {
         let tangent = self.tip_tangent();
+        self.tissue.find_own(&self.contacts, &self.tip);
         let (contacts, row, guide) = (&mut self.contacts, self.tip.force.row(), self.needle.guide());
         let [nodes, released] = [contacts.nodes.len(), contacts.released.len()];
         self.joint

@@ -113,7 +113,6 @@ impl Setup {
     /// Returns hashes of the needle and of the tissue with the options that change results: a saved state is taken back
     /// only by a model whose hashes are the same.
     fn fingerprint(&self) -> [String; 2] {
-        let short = |hash: blake3::Hash| hash.to_hex()[..16].to_owned();
         let mut tissue = blake3::Hasher::new();
         let options = &self.options;
         let limits = (
@@ -199,6 +198,11 @@ impl Setup {
             unloaded: CentreLine::default(),
         })
     }
+}
+
+/// Returns the beginning of a hash in hexadecimal.
+pub(super) fn short(hash: blake3::Hash) -> String {
+    hash.to_hex()[..16].to_owned()
 }
 
 /// Compliance of the mesh at rest, from which the remesher of each level starts.

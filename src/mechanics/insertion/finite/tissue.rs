@@ -8,9 +8,11 @@ use nalgebra::{Isometry3, Point3, Vector3};
 use super::contact::Contact;
 use super::contacts::Contacts;
 use super::farthest;
+use super::location::Place;
 use super::probe::ProbeNodes;
 use super::reduced::Reduced;
 use super::tip::Tip;
+use crate::insertion::living::Living;
 use crate::insertion::{Field, Snapshot};
 use crate::tissue::dofs::NO_DOF;
 use crate::tissue::remesh::corner::best_corner;
@@ -28,6 +30,10 @@ pub(super) struct Tissue {
     pub on_surface: Vec<bool>,
     pub adaptation: Adaptation,
     pub probe: Option<ProbeNodes>,
+    /// Motion of the tissue itself.
+    pub living: Option<Living>,
+    /// Displacement by it at the needle's contacts and at the tip, mm.
+    pub own: Vec<Vector3<f64>>,
     /// Counter of changes to the contacts or the mesh.
     pub version: u64,
     nearby: Nearby,
@@ -67,6 +73,8 @@ impl Tissue {
             on_surface,
             adaptation,
             probe,
+            living: None,
+            own: Vec::new(),
             version: 0,
             nearby: Nearby::default(),
             carried: Default::default(),
@@ -164,6 +172,10 @@ impl Tissue {
             (None, None) => 0.0,
             _ => f64::INFINITY,
         };
+        if let Some(living) = &self.living {
+            let nodes = self.adaptation.mesh().nodes();
+            probe.lie(|node| Point3::from(nodes[node as usize]) + living.displacement(node, nodes[node as usize]));
+        }
         let condensed = self.adaptation.remesher().condensed();
         if probe.move_to(pose, condensed, &self.contact_forces[0]) {
             self.version += 1;
@@ -177,12 +189,46 @@ impl Tissue {
         self.nearby = Nearby::default();
     }
 
-    /// Returns the displacement of a node under the forces of the last solution, mm.
+    /// Returns the sum over the corners of the element at a place at rest of what the tissue's own motion gives for each,
+    /// by their weights there; zero without such a motion.
+    pub(super) fn own(
+        &self,
+        at_rest: &Point3<f64>,
+        element: u32,
+        of_node: impl Fn(&Living, u32, [f64; 3]) -> Vector3<f64>,
+    ) -> Vector3<f64> {
+        let Some(living) = &self.living else {
+            return Vector3::zeros();
+        };
+        let (element, bary) = self
+            .locate_at_rest(at_rest, element)
+            .map_or((element, [0.25; 4]), |Place { element, bary }| (element, bary));
+        let corners = self.mesh.elements()[element as usize].into_iter().zip(bary);
+        let nodes = self.adaptation.mesh().nodes();
+        corners
+            .map(|(node, weight)| of_node(living, node, nodes[node as usize]) * weight)
+            .sum()
+    }
+
+    /// Finds the displacements by the tissue's own motion at the contacts and at the tip.
+    pub(super) fn find_own(&mut self, contacts: &Contacts, tip: &Tip) {
+        let Some(living) = &self.living else { return };
+        self.own.clear();
+        let nodes = contacts.nodes.iter();
+        self.own
+            .extend(nodes.map(|contact| living.displacement(contact.node, contact.reference.into())));
+        if let (Some(element), false) = (tip.element, tip.force.is_on_bone()) {
+            let at_tip = self.own(&tip.reference, element, Living::displacement);
+            self.own.push(at_tip);
+        }
+    }
+
+    /// Returns the displacement of a node by its own motion and under the forces of the last solution, mm.
     pub(super) fn displacement_of(&mut self, node: u32) -> Vector3<f64> {
         self.displacement(node, false)
     }
 
-    /// Returns the displacement of a node under the forces of the last solution, less that by the force at the tip along
+    /// Returns such a displacement, less that by the force at the tip along
     /// the needle's `tangent`, mm. Across the needle that force and those of the nodes on it hold each other.
     pub(super) fn displacement_without_dent(&mut self, node: u32, tangent: &Vector3<f64>) -> Vector3<f64> {
         let all = self.displacement(node, false);
@@ -194,6 +240,13 @@ impl Tissue {
     }
 
     fn displacement(&mut self, node: u32, without: bool) -> Vector3<f64> {
+        let forced = self.forced_displacement(node, without);
+        let reference = self.adaptation.mesh().nodes()[node as usize];
+        let living = self.living.as_ref();
+        living.map_or(forced, |living| forced + living.displacement(node, reference))
+    }
+
+    fn forced_displacement(&mut self, node: u32, without: bool) -> Vector3<f64> {
         let dofs = self.adaptation.mesh().dofs().of(node);
         if dofs == [NO_DOF; 3] {
             return Vector3::zeros();
