@@ -70,7 +70,7 @@
 //! | haptic devices | [`TwoPoints`], [`PointsPose`], [`Damper`], [`LateralHold`], [`HoldOptions`], [`TemplateGuided`], [`Template`], [`UnknownHole`] |
 //! | models of insertions | [`Model`], [`Instruments`], [`Outcome`], [`Wrench`], [`Event`], [`EventKind`], [`StepError`], [`Saved`], [`ShaftLoad`], [`LevelChange`] |
 //! | images of models | [`NodeSolver`], [`Snapshot`], [`Field`], [`TissueAtTip`], [`MovedTissue`] |
-//! | tissue models | [`Finite`], [`FiniteOptions`], [`Setup`], [`Level`], [`Precision`]; [`MassSpring`], [`MassSpringParameters`]; [`Nonlinear`], [`NonlinearSetup`]; [`Material`], [`Interaction`], [`Peak`], [`Bone`], [`InsertionAnatomy`], [`MeshRegions`], [`ProbeContact`], [`InvalidSetup`] |
+//! | tissue models | [`Finite`], [`FiniteOptions`], [`Setup`], [`Level`], [`Precision`]; [`MassSpring`], [`MassSpringParameters`]; [`Nonlinear`], [`NonlinearSetup`]; [`Material`], [`Interaction`], [`Peak`], [`Bone`], [`InsertionAnatomy`], [`MeshRegions`], [`ProbeContact`], [`TissueMotion`], [`InvalidSetup`] |
 //! | needles | [`Needle`], [`Rigid`], [`Flexible`], [`Shaft`], [`Stiffness`], [`Bevel`], [`BEVEL_MM`], [`LINK_MM`], [`CentreLine`], [`Load`], [`Entry`], [`Row`] |
 //! | scenarios | [`ScenarioFile`], [`Scenario`], [`SCENARIOS`], [`run_scenario`], [`Observer`], [`Requests`], [`Step`], [`Moment`], [`Deformed`], [`Summary`], [`Record`] |
 //! | meshes, poses and paths | [`TetMesh`], [`Displacement`], [`Pose`], [`Trajectory`], [`Sequence`] |
@@ -169,7 +169,7 @@ pub use insonify_mechanics::insertion::spring::{MassSpring, MassSpringParameters
 pub use insonify_mechanics::insertion::{
     Anatomy as InsertionAnatomy, Bone, Event, EventKind, Field, Instruments, Interaction, InvalidSetup, LevelChange,
     MeshRegions, Model, NodeSolver, Outcome, Peak, ProbeContact, RecordedInput, Recording, Saved, ShaftLoad,
-    SimulatorState, Snapshot, StepError, Tissue as MovedTissue, TissueAtTip, Wrench,
+    SimulatorState, Snapshot, StepError, Tissue as MovedTissue, TissueAtTip, TissueMotion, Wrench,
 };
 pub use insonify_mechanics::needle::{
     BEVEL_MM, Bevel, CentreLine, Entry, Flexible, LINK_MM, Load, Needle, Rigid, Row, Shaft, Stiffness,

@@ -4,6 +4,7 @@ mod adapters;
 mod bad_input;
 mod beam;
 mod beam_measure;
+mod breathing;
 mod calibrate;
 mod docs;
 mod far;

@@ -844,6 +844,23 @@ fn a_held_breath_is_still() {
 }
 
 #[test]
+fn elements_that_fold_as_motions_add_up_are_counted() {
+    let with = |scale: f64, travel_mm: f64| {
+        let field =
+            format!("[deform.field]\nkind = \"affine\"\nmatrix = [[1,0,0,0],[0,1,0,0],[0,0,{scale},0],[0,0,0,1]]\n");
+        let breath = format!("[motion.breathing]\ntravel_mm = {{ liver = {travel_mm} }}\n");
+        let scene = resolve(&small(&format!("{field}{breath}"))).expect("scene");
+        let told = scene
+            .warnings
+            .iter()
+            .filter(|warning| warning.contains("fold where its motions add up"));
+        told.count()
+    };
+    // A breath leaves elements a tenth of their volume at least.
+    assert_eq!([with(0.5, 60.0), with(0.95, 2.0)], [1, 0]);
+}
+
+#[test]
 fn organs_of_a_patient_breathe_under_the_ribs() {
     for (file, more, surroundings) in [
         ("volumes/DERIVED_ts_example_body_labels.nii.gz", "", false),

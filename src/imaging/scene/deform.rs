@@ -108,6 +108,13 @@ impl Motion {
     pub fn at(&self, time_s: f64) -> f64 {
         self.course.at(time_s)
     }
+
+    /// Adds the displacements at an amplitude to the positions of nodes.
+    fn add(&self, amplitude: f64, nodes: &mut Nodes) {
+        for (node, by) in nodes.iter_mut().zip(&self.displacements) {
+            *node = [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis]);
+        }
+    }
 }
 
 /// Amplitude of a motion over time.
@@ -120,6 +127,18 @@ enum Course {
 }
 
 impl Course {
+    /// Least and greatest amplitude.
+    fn ends(&self) -> [f64; 2] {
+        let Course::Points(points) = self else {
+            return [0.0, 1.0];
+        };
+        let amplitudes = || points.iter().map(|point| point[1]);
+        [
+            amplitudes().fold(f64::INFINITY, f64::min),
+            amplitudes().fold(f64::NEG_INFINITY, f64::max),
+        ]
+    }
+
     /// Amplitude at a time, s.
     fn at(&self, time_s: f64) -> f64 {
         let points = match self {
@@ -161,10 +180,7 @@ impl Deformation {
         nodes.clear();
         nodes.extend_from_slice(self.mesh.nodes());
         for motion in &self.motions {
-            let amplitude = motion.at(time_s);
-            for (node, by) in nodes.iter_mut().zip(&motion.displacements) {
-                *node = [0, 1, 2].map(|axis| node[axis] + amplitude * by[axis]);
-            }
+            motion.add(motion.at(time_s), nodes);
         }
     }
 }
@@ -219,25 +235,25 @@ impl SceneFile {
         let surface = mesh.surface().filter(|_| spec.mesh.is_none());
         let ends: Vec<u32> = surface.flat_map(|face| face.nodes).collect();
         let finer = format!("`deform.nodes` = {} or more gives finer ones", 8 * mesh.nodes().len());
-        motions.extend(self.living(&mesh, body, (&ends, &finer), notes, warnings)?);
+        let motions = self.living(motions, &mesh, body, (&ends, &finer), notes, warnings)?;
         let mesh = Arc::new(mesh);
         Ok(Some(Deformation { mesh, motions }))
     }
 
-    /// Returns respiration and pulsation of the scene on a mesh of which the `held` nodes rest; `finer` says in words how
-    /// there are more nodes.
+    /// Adds respiration and pulsation of the scene to `motions` of a mesh of which the `held` nodes do not breathe; `finer`
+    /// says in words how there are more nodes. Warns of elements that fold as they add up.
     ///
     /// # Errors
     /// [`InputError`] with the key and its place in the file.
     pub fn living(
         &self,
+        mut motions: Vec<Motion>,
         mesh: &TetMesh,
         body: &Body<'_>,
         (held, finer): (&[u32], &str),
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Vec<Motion>, InputError> {
-        let mut motions = Vec::new();
         if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.breathing.as_ref()) {
             motions.push(Motion {
                 displacements: self.inspired(spec, mesh, body, (held, finer), notes, warnings)?,
@@ -246,9 +262,21 @@ impl SceneFile {
         }
         if let Some(spec) = self.motion.as_ref().and_then(|motion| motion.pulse.as_ref()) {
             motions.push(Motion {
-                displacements: self.widened(spec, mesh, body, (held, finer), notes, warnings)?,
+                displacements: self.widened(spec, mesh, body, finer, notes, warnings)?,
                 course: Course::Pulse(spec.clone()),
             });
+        }
+        let folded = if motions.len() > 1 {
+            most_folded(mesh, &motions)
+        } else {
+            0
+        };
+        if folded > 0 {
+            warnings.push(format!(
+                "{folded} of {} elements of the mesh fold where its motions add up: there the picture shows tissue twice; \
+                 smaller motions, or a finer mesh ({finer})",
+                mesh.elements().len()
+            ));
         }
         Ok(motions)
     }
@@ -305,7 +333,7 @@ impl SceneFile {
         spec: &PulseSpec,
         mesh: &TetMesh,
         body: &Body<'_>,
-        (held, finer): (&[u32], &str),
+        finer: &str,
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Nodes, InputError> {
@@ -318,7 +346,7 @@ impl SceneFile {
             }
         }
         let Widened {
-            mut displacements,
+            displacements,
             arteries,
             absent,
         } = widened(spec, mesh, body);
@@ -326,7 +354,6 @@ impl SceneFile {
             let known = InvalidFile::name(artery, "a label of the volume, a part of its name, or a tissue");
             return Err(self.fault(format!("{key}.radial_mm.{artery}"), known));
         }
-        held.iter().for_each(|node| displacements[*node as usize] = [0.0; 3]);
         let too_wide = arteries
             .iter()
             .find(|artery| artery.radial_mm > WIDEST_SHARE * artery.radius_mm);
@@ -441,6 +468,20 @@ impl SceneFile {
             }
         }
     }
+}
+
+/// Returns the most elements that are folded in any of the extremes of some motions, taken together.
+fn most_folded(mesh: &TetMesh, motions: &[Motion]) -> usize {
+    let ends: Vec<[f64; 2]> = motions.iter().map(|motion| motion.course.ends()).collect();
+    let of_extremes = (0..1_usize << motions.len()).map(|bits| {
+        let mut nodes: Nodes = mesh.nodes().to_vec();
+        for (index, (motion, ends)) in motions.iter().zip(&ends).enumerate() {
+            motion.add(ends[bits >> index & 1], &mut nodes);
+        }
+        let volumes = mesh.volumes(mesh.nodes()).zip(mesh.volumes(&nodes));
+        volumes.filter(|(rest, moved)| *rest > 0.0 && *moved <= 0.0).count()
+    });
+    of_extremes.max().unwrap_or(0)
 }
 
 /// Affine map from the unit cube to the bounding box of the voxels.

@@ -29,7 +29,8 @@ pub struct ScenarioFile {
     /// Version of the format: 1 or 2, which is the default, as of scenes; `[scene]` has that of the scenario.
     pub version: Option<Version>,
     /// Imaged scene and pose or motion of the probe: the name of a scene that comes with the program, the path of a
-    /// scene file, or a scene as a table. It has no needle and no deformation of its own: the scenario provides both.
+    /// scene file, or a scene as a table. It has neither needle nor `deform`: the scenario provides both. With
+    /// `motion.breathing` and `motion.pulse` the needle meets a body that breathes (finite elements).
     #[schemars(required)]
     pub scene: Option<SceneSource>,
     /// Time budgets of steps and frames: settings left open are chosen by their measured cost on this machine.

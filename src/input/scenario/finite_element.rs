@@ -160,7 +160,14 @@ impl ScenarioFile {
             ),
         };
         scene
-            .living(&meshed.mesh, &insertion.scene.body(), (&held, &finer), notes, warnings)
+            .living(
+                Vec::new(),
+                &meshed.mesh,
+                &insertion.scene.body(),
+                (&held, &finer),
+                notes,
+                warnings,
+            )
             .map_err(|error| self.of_scene(error, is_inline))
     }
 
