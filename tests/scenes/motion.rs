@@ -857,7 +857,7 @@ fn elements_that_fold_as_motions_add_up_are_counted() {
         told.count()
     };
     // A breath leaves elements a tenth of their volume at least.
-    assert_eq!([with(0.5, 60.0), with(0.95, 2.0)], [1, 0]);
+    assert_eq!([with(0.15, 15.0), with(0.95, 2.0)], [1, 0]);
 }
 
 #[test]
