@@ -90,7 +90,9 @@ impl<T> Range<T> {
         let fits = units.iter().find(|(_, factor)| !self.excludes(number * factor));
         match fits {
             Some((unit, factor)) => {
-                let rounded = format!("{:.4e}", number * factor).parse::<f64>().unwrap_or(number * factor);
+                let rounded = format!("{:.4e}", number * factor)
+                    .parse::<f64>()
+                    .unwrap_or(number * factor);
                 format!("{} (if it is in {unit}, state {rounded})", self.expected)
             }
             None => self.expected.to_owned(),

@@ -52,7 +52,8 @@ impl CylinderChoice {
     /// Amount by which a point lies beyond the selected part, mm: 0 or less if it is selected. Errors name the odd
     /// number.
     fn miss_mm(&self, key: &str) -> Result<impl Fn(&[f64; 3]) -> f64 + use<>, SelectionError> {
-        let number = |key: String, found: f64, expected: &str| Err(Box::new((key, InvalidFile::number(found, expected))));
+        let number =
+            |key: String, found: f64, expected: &str| Err(Box::new((key, InvalidFile::number(found, expected))));
         if let Some((name, found, expected)) = self.out_of_range() {
             return number(format!("{key}.{name}"), found, &expected);
         }

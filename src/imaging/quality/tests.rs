@@ -182,8 +182,14 @@ fn grids_are_measured_until_one_takes_too_long() {
 fn budgets_have_a_range() {
     let of = |frame_ms, step_ms| QualitySpec { frame_ms, step_ms }.out_of_range();
     assert_eq!(of(Some(16.0), Some(1.0)), None);
-    assert_eq!(of(None, Some(0.0)), Some(("step_ms", 0.0, "0.01 to 10000 ms".to_owned())));
-    assert_eq!(of(Some(1e5), None), Some(("frame_ms", 1e5, "0.01 to 10000 ms".to_owned())));
+    assert_eq!(
+        of(None, Some(0.0)),
+        Some(("step_ms", 0.0, "0.01 to 10000 ms".to_owned()))
+    );
+    assert_eq!(
+        of(Some(1e5), None),
+        Some(("frame_ms", 1e5, "0.01 to 10000 ms".to_owned()))
+    );
     assert!(of(Some(f64::NAN), None).is_some());
 }
 
