@@ -222,9 +222,6 @@ pub fn plan(
         .transpose()?;
     if section.is_some() {
         candidates::in_plane(scenario, &target)?;
-        notes.push(
-            "a section knows no motion across its plane: `insonify insert` of the plan tells the miss in three dimensions".to_owned(),
-        );
     }
     let mut tissue = section.unwrap_or_else(|| scenario.clone());
     // Guides, deposits and changes of level belong to the insertion of
@@ -266,6 +263,11 @@ pub fn plan(
         notes.push(format!(
             "tissue reaches the end of the volume on {at_end} of {count} lines: that end is a surface there"
         ));
+    }
+    if options.section_mm.is_some() {
+        notes.push(
+            "a section knows no motion across its plane: `insonify insert` of the plan tells the miss in three dimensions".to_owned(),
+        );
     }
     let mut warnings = Vec::new();
     if let Some(path) = lines[0].path.as_ref() {
