@@ -14,7 +14,7 @@ use insonify_mesh::TetMesh;
 /// there: so much that no node between free corners moves farther than the tissue at the tip by half.
 const REACH: f64 = 4.0;
 /// Farthest that a node moves for what is shown at the tip beside fixed nodes, in parts of what the tissue there moves.
-const FARTHEST: f64 = 2.0;
+const FARTHEST: f64 = 3.0;
 
 /// NodeSolver of a finite element mesh.
 pub(super) struct MeshImager {

@@ -248,6 +248,12 @@ fn creep(
     }
     let fitted = StiffeningCurve::fitted(&points);
     let errors = fitted.errors(&points);
+    if !errors.iter().all(|error| error.is_finite()) {
+        return Err(format!(
+            "{} strains do not determine modulus, knee and stiffening together; expected strains on both sides of the knee",
+            points.len()
+        ));
+    }
     let mut curve = fitted;
     // Equation 2 applies the current stiffness to the entire past, which a memory of rates does not.
     if memory == Structure::Rate && curve.has_knee() {

@@ -90,22 +90,20 @@ impl Measurements {
 
     fn add_creep(&mut self, table: &Csv, columns: [(&'static str, f64); 3]) -> Result<(), CsvError> {
         let mut last_stress = f64::NAN;
-        let (mut last_time, mut first_time) = (0.0, None);
+        let mut last_time = 0.0;
         let [stress, time, _] = columns;
         let mut tests: Vec<(CreepTest, Row<'_>)> = Vec::new();
         for row in table.rows() {
             let stress_kpa = above(row, stress)?;
             let time_s = row.number(time.0)? * time.1;
-            let is_other = (stress_kpa - last_stress).abs() > SAME_STRESS * stress_kpa || last_stress.is_nan();
-            // Another specimen at the same stress begins anew.
-            let begins = is_other || time_s < last_time && first_time.is_some_and(|first| time_s <= first);
+            let begins = (stress_kpa - last_stress).abs() > SAME_STRESS * stress_kpa || last_stress.is_nan();
             if time_s < 0.0 || !begins && time_s <= last_time {
-                let expected = "a time from 0 that rises from row to row while the stress stays the same, or begins anew for another specimen";
+                let expected = "a time from 0 that rises from row to row while the stress stays the same; another specimen at the same \
+                                stress has a file of its own";
                 return Err(row.wrong(time.0, expected));
             }
             last_time = time_s;
             if begins {
-                first_time = Some(time_s);
                 last_stress = stress_kpa;
                 let rows = Vec::new();
                 tests.push((CreepTest { stress_kpa, rows }, row));
