@@ -100,6 +100,7 @@ impl Puncture {
             .map(|path| self.fitted(path, &options))
             .transpose()?;
         if let Some(fitted) = &fitted {
+            fitted.notes.iter().for_each(terminal::note);
             options = PunctureOptions {
                 young_kpa: fitted.young_kpa,
                 knee_strain: fitted.knee_strain,
@@ -173,9 +174,8 @@ struct JsonOutput<'a> {
 }
 
 fn text(fitted: &PunctureFit) -> String {
-    let notes: String = fitted.notes.iter().map(|note| format!("note: {note}\n")).collect();
     format!(
-        "{notes}fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
+        "fitted to {} points: young_kpa {:.3}, knee_strain {:.3}, stiffening {:.2}; R^2 {:.5}, {:.4} N off (root mean square)\n",
         fitted.samples.len(),
         fitted.young_kpa,
         fitted.knee_strain,

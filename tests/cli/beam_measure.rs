@@ -325,7 +325,13 @@ fn volumes_and_designs_that_cannot_be_measured_are_refused() {
     };
     fails(
         "rest.mha bare.mha",
-        &["bare.mha", "markers of the container", "0 of 12"],
+        &[
+            "bare.mha",
+            "markers of the container, 3 mm",
+            "0 of 12",
+            "the diameters are",
+            "--threshold",
+        ],
     );
     fails("rest.mha none.mha", &["none.mha"]);
     fails("rest.mha rest.mha --threshold 30", &["higher threshold"]);

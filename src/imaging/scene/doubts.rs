@@ -102,8 +102,8 @@ pub(super) fn thin_parts(body: &Body<'_>) -> Option<String> {
     })
 }
 
-/// Returns whether a voxel keeps its label by the weights of cubic B-splines at its centre, of which the largest counts and of
-/// equals that of the lowest label.
+/// Returns whether a voxel keeps its label by the weights of cubic B-splines at its centre, of which the largest counts
+/// and of equals that of the lowest label.
 fn keeps(volume: &LabelVolume, index: [usize; 3]) -> bool {
     let size = volume.size();
     let label_at = |index: [usize; 3]| volume.voxels()[volume.offset(index)];

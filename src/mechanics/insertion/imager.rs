@@ -162,8 +162,8 @@ fn write_nodes(nodes: &[[f64; 3]], moved: &[(u32, [f64; 3])], displacement: &[[f
 mod tests {
     use super::*;
 
-    /// The tip in the middle of a large element, and near the one corner that is free: a node that lies nearer, and that
-    /// corner, go hardly farther than the tissue at the tip.
+    /// The tip in the middle of a large element, which a node that lies nearer passes by half at most, and near three
+    /// fixed corners, for which the free one makes up as far as it may.
     #[test]
     fn no_node_goes_much_farther_than_the_tip() {
         let reference = vec![

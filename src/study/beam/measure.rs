@@ -122,18 +122,16 @@ pub fn scan(image: &ScalarImage, design: &Design, thresholds: &Thresholds) -> Re
             off(bright, size) < MAX_SIZE_RATIO.ln() && off(bright, size) < off(bright, other_size)
         };
         let centres: Vec<_> = bodies.iter().filter(alike).map(|bright| bright.centre_mm).collect();
-        let sizes = || {
+        let named = |error| {
             let mut sizes: Vec<f64> = bodies.iter().map(|bright| bright.diameter_mm).collect();
             sizes.sort_by(f64::total_cmp);
             let listed: Vec<String> = sizes.iter().take(MAX_LISTED).map(|size| format!("{size:.2}")).collect();
             let more = if sizes.len() > MAX_LISTED { " and more" } else { "" };
-            format!("{}{more}", listed.join(", "))
-        };
-        let named = |error| {
             VolumeError::new(format!(
-                "markers of the {}, {size} mm: {error}; bright bodies of {} mm were found (another `--threshold` changes their size)",
+                "markers of the {}, {size} mm: {error}; of the {} bright bodies the diameters are {}{more} mm (another `--threshold` changes them)",
                 BODIES[body],
-                sizes()
+                sizes.len(),
+                listed.join(", ")
             ))
         };
         let placed = markers::place(&design.centres_mm[body], &centres).map_err(named)?;

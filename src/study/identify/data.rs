@@ -131,8 +131,8 @@ impl Measurements {
     }
 }
 
-/// Row and force in the mean (N) of those rows, out of an iterator from an end of the table to the tissue, in which the
-/// tip is clear of it.
+/// Means of row number and force (N) over the rows in which the tip is clear of the tissue, of rows from an end of the
+/// table on; `None` if these are too few.
 fn outside<'a>(rows: impl Iterator<Item = (usize, &'a [f64; 2])>) -> Option<(f64, f64)> {
     let clear: Vec<(usize, f64)> = rows
         .take_while(|(_, row)| row[0] <= 0.0)

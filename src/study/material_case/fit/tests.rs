@@ -51,6 +51,24 @@ fn the_order_is_that_of_the_least_stress_without_moduli() {
     assert!((fit.creep.unwrap().order - 0.1).abs() < 1e-6 && fit.dynamic.is_none());
 }
 
+/// A sweep of another order, and strains that hardly grow: both are doubted, the rheometer's own tables are not.
+#[test]
+fn orders_that_contradict_or_are_uncertain_are_told() {
+    let [moduli, creep] = rheometer("load-integral");
+    let doubts = |tables: &[&str], order| {
+        let fit = fitted(tables, order, Structure::LoadIntegral).unwrap();
+        fit.warnings
+            .into_iter()
+            .filter(|text| text.contains("order"))
+            .collect::<Vec<_>>()
+    };
+    assert_eq!(doubts(&[&moduli, &creep], None), Vec::<String>::new());
+    assert!(doubts(&[&creep], Some(0.25))[0].contains("one spring-pot does not fit both"));
+    let flat =
+        "stress_kpa,time_s,strain\n0.05,1,0.1\n0.05,10,0.13\n0.05,100,0.102\n0.2,1,0.4\n0.2,10,0.41\n0.3,1,0.7\n";
+    assert!(doubts(&[flat], None)[0].contains("not clearly above 0"));
+}
+
 /// Every number of a table but those of the first column times 1 and noise of this size.
 fn noisy(table: &str, share: f64, seed: u64) -> String {
     let (seed, mut count) = (random::seed_words(seed), 0);
