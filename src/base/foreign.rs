@@ -43,7 +43,7 @@ const SURFACE: &str = "where labels are expected, a closed surface is read by it
 const OTHER_SURFACE: &str = "save it as STL, PLY or OBJ: closed surfaces in these are read as labels";
 const MESH: &str = "give a volume of labels; `insonify mesh info` looks into a mesh, and `mesh = \"FILE\"` in a file for `solve` or \
                     `insert` calculates on it as it is";
-const OTHER_MESH: &str = "give a volume of labels; `insonify mesh info` looks into the mesh once it is .vtu (`meshio convert` of Python: meshio)";
+const OTHER_MESH: &str = "give a volume of labels; `insonify mesh info` looks into the mesh once it is .vtu";
 const CONVERT: &str = "save it as NIfTI, NRRD or MetaImage, with the program that wrote it";
 const UNKNOWN_KIND: &str = "save what it holds as NIfTI, NRRD or MetaImage";
 const SEGMENTATION: &str = "where labels are expected, a build with the feature `dicom` reads it; segimage2itkimage of dcmqi and 3D Slicer \
@@ -52,6 +52,9 @@ const SEGMENTATION: &str = "where labels are expected, a build with the feature 
 const TETRAHEDRA: Option<&str> = Some("a mesh of tetrahedra");
 const FILLED: Option<&str> = Some("tetrahedra fill a closed surface by `insonify mesh make`, Gmsh or TetGen");
 const OF_LABELS: Option<&str> = Some("`insonify mesh make` makes a mesh of labels");
+const EXPORT: Option<&str> = Some("export it as VTK or Gmsh from the program that wrote it");
+const PIECES: Option<&str> =
+    Some("give the .vtu that it names, a time and a piece of it, or save it by ParaView's Save Data");
 const MESHIO: Option<&str> = Some("`meshio convert a.xdmf a.vtu` (Python: meshio) converts such files");
 const TETGEN: Option<&str> = Some("run `tetgen` with -k, which writes .vtk");
 const MEDIT: Option<&str> = Some("`gmsh a.mesh -save -format msh41 -o a.msh` converts it");
@@ -71,16 +74,19 @@ const KINDS: &[Foreign] = &[
     Foreign { name: "a PLY surface", marks: &[&[At(0, b"ply\n")], &[At(0, b"ply\r")]], endings: &[".ply"], labels: Some(SURFACE), mesh: FILLED },
     Foreign { name: "an OBJ surface", marks: &[&[Is(is_obj)]], endings: &[".obj"], labels: Some(SURFACE), mesh: FILLED },
     Foreign { name: "a VTK surface", marks: &[&[At(0, b"# vtk DataFile"), Within(b"POLYDATA")], &[Within(b"<VTKFile"), Within(b"\"PolyData\"")]], endings: &[".vtp"], labels: Some(SURFACE), mesh: None },
-    Foreign { name: "an image of VTK", marks: &[&[At(0, b"# vtk DataFile"), Within(b"STRUCTURED_POINTS")], &[At(0, b"# vtk DataFile"), Within(b"RECTILINEAR_GRID")], &[Within(b"<VTKFile"), Within(b"\"ImageData\"")]], endings: &[".vti"], labels: Some("it has no anatomical directions: save it as NRRD or MetaImage, in 3D Slicer or ParaView"), mesh: None },
+    Foreign { name: "an image of VTK", marks: &[&[At(0, b"# vtk DataFile"), Within(b"STRUCTURED_POINTS")], &[At(0, b"# vtk DataFile"), Within(b"RECTILINEAR_GRID")], &[Within(b"<VTKFile"), Within(b"\"ImageData\"")]], endings: &[".vti"], labels: Some("it has no anatomical directions: save it as NRRD or MetaImage, in 3D Slicer or ParaView"), mesh: Some("saved as NRRD or MetaImage (3D Slicer, ParaView), it is for `insonify mesh make`") },
+    Foreign { name: "a list of VTK files", marks: &[&[Within(b"<VTKFile"), Within(b"\"Collection\"")], &[Within(b"<VTKFile"), Within(b"\"PUnstructuredGrid\"")], &[Within(b"<VTKFile"), Within(b"\"vtkMultiBlockDataSet\"")]], endings: &[".pvd", ".pvtu", ".vtm"], labels: Some(MESH), mesh: PIECES },
     Foreign { name: "an XDMF file", marks: &[&[Within(b"<Xdmf")]], endings: &[".xdmf"], labels: Some(OTHER_MESH), mesh: MESHIO },
-    Foreign { name: "a FEBio file", marks: &[&[Within(b"<febio_spec")]], endings: &[".feb"], labels: Some(OTHER_MESH), mesh: MESHIO },
-    Foreign { name: "an LS-DYNA file", marks: &[&[At(0, b"*KEYWORD")], &[Within(b"\n*KEYWORD")]], endings: &[], labels: Some(OTHER_MESH), mesh: MESHIO },
+    Foreign { name: "a FEBio file", marks: &[&[Within(b"<febio_spec")]], endings: &[".feb"], labels: Some(OTHER_MESH), mesh: EXPORT },
+    Foreign { name: "an LS-DYNA file", marks: &[&[At(0, b"*KEYWORD")], &[Within(b"\n*KEYWORD")]], endings: &[], labels: Some(OTHER_MESH), mesh: EXPORT },
+    Foreign { name: "a Nastran file", marks: &[&[Within(b"BEGIN BULK")], &[At(0, b"GRID")], &[Within(b"\nGRID")]], endings: &[".bdf", ".nas"], labels: Some(OTHER_MESH), mesh: MESHIO },
     Foreign { name: "an Abaqus file", marks: &[&[Is(is_abaqus)]], endings: &[".inp"], labels: Some(OTHER_MESH), mesh: MESHIO },
     Foreign { name: "a Medit file", marks: &[&[Is(is_medit)]], endings: &[], labels: Some(OTHER_MESH), mesh: MEDIT },
     Foreign { name: "a TetGen file", marks: &[&[Is(is_tetgen)]], endings: &[], labels: Some(OTHER_MESH), mesh: TETGEN },
     Foreign { name: "a mesh", marks: &[&[At(0, b"# vtk DataFile")], &[Within(b"<VTKFile")], &[At(0, b"$MeshFormat")]], endings: &[".msh", ".vtu"], labels: Some(MESH), mesh: None },
     Foreign { name: "a scene of 3D Slicer", marks: &[&[Within(b"<MRML")]], endings: &[".mrml", ".mrb"], labels: Some("save its segmentation as .seg.nrrd"), mesh: TETRAHEDRA },
     Foreign { name: "a configuration of PLUS", marks: &[&[Within(b"<PlusConfiguration")]], endings: &[], labels: Some("it places frames (`plus` in a scene), and has no labels"), mesh: TETRAHEDRA },
+    Foreign { name: "a scene of glTF", marks: &[&[At(0, b"glTF")]], endings: &[".glb", ".gltf"], labels: Some(OTHER_SURFACE), mesh: FILLED },
     Foreign { name: "a GIfTI surface", marks: &[&[Within(b"<GIFTI")]], endings: &[".gii"], labels: Some(OTHER_SURFACE), mesh: FILLED },
     Foreign { name: "an XML file", marks: &[&[At(0, b"<?xml")]], endings: &[], labels: Some("give a volume of labels"), mesh: None },
     Foreign { name: "a NumPy array", marks: &[&[At(0, b"\x93NUMPY")]], endings: &[".npy", ".npz"], labels: Some(NO_PLACE), mesh: TETRAHEDRA },
@@ -235,6 +241,11 @@ mod tests {
             (b"*HEADING\nAbaqus", "an Abaqus file"),
             (b"** by hand\n*NODE", "an Abaqus file"),
             (b"$ title\n*KEYWORD\n", "an LS-DYNA file"),
+            (b"$ title\nBEGIN BULK\nGRID*   1", "a Nastran file"),
+            (b"<VTKFile type=\"PUnstructuredGrid\">", "a list of VTK files"),
+            (b"<VTKFile type=\"Collection\">", "a list of VTK files"),
+            (b"<VTKFile type=\"ImageData\">", "an image of VTK"),
+            (b"glTF\x02\0", "a scene of glTF"),
             (b"MeshVersionFormatted 2\n", "a Medit file"),
             (b"# by meshio\n480 4 0\n0 90 76 58 151\n", "a TetGen file"),
             (b"159 3 0 0\n1 0.0 0.5 1e-3\n", "a TetGen file"),

@@ -53,8 +53,8 @@ pub(crate) struct Info {
     #[arg(long, value_parser = variants::<Unit>(), default_value = "mm")]
     unit: Unit,
     /// Cell array with the region numbers (of Gmsh: `gmsh:physical` or `gmsh:geometrical`); by default the first of
-    /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`, or else the only one of whole
-    /// numbers
+    /// `region`, `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds`, or else the only one of a few
+    /// whole numbers
     #[arg(long, alias = "region", value_name = "NAME")]
     region_array: Option<String>,
     /// Print JSON: `nodes`, `elements`, `bounds_mm`, `volume_ml`, `regions`, `parts`, `quality`, `warnings`; infinite

@@ -96,7 +96,7 @@ pub struct ReadOptions<'a> {
     pub displacement: Option<&'a str>,
     /// Name of the cell array with the region numbers, which must exist. Without a name, the first of `region`,
     /// `label`, `material`, `medit:ref`, `gmsh:physical` and `CellEntityIds` in the file is read, or else the only one
-    /// of whole numbers; without any, all regions are 0. In a Gmsh file the names are `gmsh:physical` (the first
+    /// of a few whole numbers; without any, all regions are 0. In a Gmsh file the names are `gmsh:physical` (the first
     /// physical group, or the volume where there is none; also the default) and `gmsh:geometrical` (the volume).
     pub region: Option<&'a str>,
     /// Unit of coordinates and displacements.
@@ -300,7 +300,7 @@ fn small(mesh: &TetMesh) -> Option<String> {
     let [low, high] = mesh.bounds();
     let longest = (0..3).map(|axis| high[axis] - low[axis]).fold(0.0, f64::max);
     (longest < METRES).then(|| {
-        format!("the mesh is {longest:.3} mm long at most; if its coordinates are metres, state the unit: `mesh_unit = \"m\"`")
+        format!("the mesh is {longest:.3} mm long at most; if its coordinates are metres, state the unit: `mesh_unit = \"m\"` or --unit m")
     })
 }
 

@@ -38,9 +38,7 @@ pub(super) const FORMAT: Format = Format {
 
 /// Returns the tetrahedra of a VTK file, or `None` where the contents are not a VTK file.
 fn read(bytes: &[u8], options: &ReadOptions) -> Option<Result<Parts, Fault>> {
-    let wanted = |of_points: bool, arrays: &[grid::Array]| {
-        grid::wanted(of_points, arrays, options).into_iter().collect::<Vec<_>>()
-    };
+    let wanted = |of_points: bool, arrays: &[grid::Array]| grid::wanted(of_points, arrays, options);
     let grid = parse(bytes, false, wanted)?;
     Some(grid.and_then(|grid| grid.select(options)))
 }

@@ -67,6 +67,13 @@ pub(super) struct Array {
     pub values: Vec<f64>,
 }
 
+impl Array {
+    /// Whether its type is that of labels: one whole number a point or cell. VTK's own are ghosts and original numbers.
+    fn is_of_labels(&self) -> bool {
+        self.is_whole && self.components == 1 && !self.name.starts_with("vtk")
+    }
+}
+
 /// An unstructured grid, not yet checked.
 #[derive(Debug, Default, PartialEq)]
 pub(super) struct Grid {
@@ -82,25 +89,21 @@ pub(super) struct Grid {
     pub is_ras: Option<bool>,
 }
 
-/// Index of the array of points or cells of which [`Grid::select`] uses the values: the first of the name.
-pub(super) fn wanted(of_points: bool, arrays: &[Array], options: &ReadOptions) -> Option<usize> {
+/// Indices of the arrays of points or cells of which [`Grid::select`] uses the values: the first of the name; where
+/// nobody names the regions, all that may be them.
+pub(super) fn wanted(of_points: bool, arrays: &[Array], options: &ReadOptions) -> Vec<usize> {
     let named = |name: &str| arrays.iter().position(|array| array.name == name);
-    match (of_points, options.region) {
+    let first = match (of_points, options.region) {
         (true, _) => named(options.displacement.unwrap_or(DISPLACEMENT)),
         (false, Some(name)) => named(name),
-        (false, None) => REGION_NAMES
-            .iter()
-            .find_map(|name| named(name))
-            .or_else(|| only_whole(arrays)),
+        (false, None) => REGION_NAMES.iter().find_map(|name| named(name)),
+    };
+    match first {
+        None if !of_points && options.region.is_none() => {
+            (0..arrays.len()).filter(|index| arrays[*index].is_of_labels()).collect()
+        }
+        first => first.into_iter().collect(),
     }
-}
-
-/// Index of the only array of whole numbers, one a cell, that are no numbers of cells or ghosts.
-fn only_whole(arrays: &[Array]) -> Option<usize> {
-    let counts = |name: &str| name.starts_with("vtk") || name.to_ascii_lowercase().ends_with("ids");
-    let is_candidate = |array: &Array| array.is_whole && array.components == 1 && !counts(&array.name);
-    let mut candidates = (0..arrays.len()).filter(|index| is_candidate(&arrays[*index]));
-    candidates.next().filter(|_| candidates.next().is_none())
 }
 
 impl Grid {
@@ -220,14 +223,21 @@ impl Grid {
             elements.push(self.corners(cell, nodes.len(), is_curved)?);
             regions.push(region.map_or(Ok(0), |array| region_number(array, cell))?);
         }
-        let scalars = self.cell_arrays.iter().filter(|array| array.components == 1);
-        let scalars: Vec<String> = scalars.map(|array| format!("`{}`", array.name)).collect();
-        let region_hint = (region.is_none() && !scalars.is_empty()).then(|| {
+        let names = |arrays: &[Array], is_shown: fn(&Array) -> bool| {
+            let shown = arrays.iter().filter(|array| is_shown(array));
+            let shown: Vec<String> = shown.map(|array| format!("`{}`", array.name)).collect();
+            (!shown.is_empty()).then(|| some_of(&shown))
+        };
+        let of_cells = names(&self.cell_arrays, |array| array.components == 1)
+            .map(|names| format!("cell arrays: {names}; all regions are 0: choose with `region_array` or --region-array"));
+        let of_points = names(&self.point_arrays, Array::is_of_labels).map(|names| {
             format!(
-                "cell arrays: {}; all regions are 0: choose with `region_array` or --region-array",
-                some_of(&scalars)
+                "point arrays of whole numbers: {names}; all regions are 0: ParaView's filter Point Data to Cell Data (with \
+                 Categorical Data) makes cell arrays of them"
             )
         });
+        let hints: Vec<String> = of_cells.into_iter().chain(of_points).collect();
+        let region_hint = (region.is_none() && !hints.is_empty()).then(|| hints.join("; "));
         let displacements = self.displacements(options, nodes.len())?;
         let skipped_cells = cells - elements.len();
         Ok(Parts {
@@ -269,17 +279,20 @@ impl Grid {
 
     fn region_array(&self, options: &ReadOptions, warnings: &mut Vec<String>) -> Result<Option<&Array>, Fault> {
         let cells = self.types.len();
-        let array = wanted(false, &self.cell_arrays, options).map(|index| &self.cell_arrays[index]);
+        let is_guess = |array: &Array| options.region.is_none() && !REGION_NAMES.contains(&array.name.as_str());
+        // A guess that does not serve is left out: it never refuses a file.
+        let mut arrays = wanted(false, &self.cell_arrays, options)
+            .into_iter()
+            .map(|index| &self.cell_arrays[index])
+            .filter(|array| !is_guess(array) || may_be_regions(array, cells));
+        let array = arrays.next().filter(|_| arrays.next().is_none());
         if let (Some(name), None) = (options.region, array) {
             return Err(missing("cell", name, &self.cell_arrays));
         }
-        let is_guess =
-            options.region.is_none() && array.is_some_and(|array| !REGION_NAMES.contains(&array.name.as_str()));
-        // A guess that does not serve is left out: it never refuses a file.
-        let array = array.filter(|array| !is_guess || may_be_regions(array, cells));
-        if let Some(array) = array.filter(|_| is_guess) {
+        if let Some(array) = array.filter(|array| is_guess(array)) {
             warnings.push(format!(
-                "the regions are the cell array `{}`, the only one of whole numbers; `region_array` or --region-array chooses another",
+                "the regions are the cell array `{}`, the only one of a few whole numbers; `region_array` or --region-array chooses \
+                 another",
                 array.name
             ));
         }
@@ -337,11 +350,12 @@ fn shape(owner: &str, array: &Array) -> String {
     )
 }
 
-/// Whether an array that nobody named can be the regions: a number of 32 bits for each cell, and not one of its own.
+/// Whether an array that nobody named can be the regions: a number of 32 bits for each cell, most of them shared, as
+/// numbers of elements are not.
 fn may_be_regions(array: &Array, cells: usize) -> bool {
     let is_number = |value: &f64| value.fract() == 0.0 && (f64::from(i32::MIN)..=f64::from(i32::MAX)).contains(value);
     let numbers: BTreeSet<i64> = array.values.iter().map(|value| *value as i64).collect();
-    array.values.len() == cells && array.values.iter().all(is_number) && numbers.len() <= MAX_REGIONS
+    array.values.len() == cells && array.values.iter().all(is_number) && numbers.len() <= MAX_REGIONS.min(cells / 2 + 1)
 }
 
 fn region_number(array: &Array, cell: usize) -> Result<i32, Fault> {

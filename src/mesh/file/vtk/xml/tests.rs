@@ -152,6 +152,26 @@ fn regions_are_the_only_whole_array_of_vtu() {
     let file = read(text.as_bytes()).unwrap();
     assert_eq!(file.mesh.regions(), expected().mesh.regions());
     assert!(file.warnings[0].contains("`labels`"), "{:?}", file.warnings);
+    // Numbers of elements are no regions, whatever their name; those of materials are, whatever theirs.
+    let (mesh, _) = sample();
+    let numbers = |count: usize, modulus: usize| {
+        let numbers: Vec<String> = (0..count).map(|number| (number % modulus).to_string()).collect();
+        format!("format='ascii'>{}</DataArray>", numbers.join(" "))
+    };
+    let [cells, points] = [mesh.elements().len(), mesh.nodes().len()];
+    let ids = format!("<DataArray type='Int32' Name='GlobalElementId' {}", numbers(cells, cells));
+    let of_points = format!("<DataArray type='Int32' Name='organ' {}", numbers(points, 3));
+    let both = text.replace("\"labels\"", "\"MaterialIDs\"").replace("<CellData>", &format!("<CellData>{ids}"));
+    let both = read(both.as_bytes()).unwrap();
+    assert_eq!(both.mesh, file.mesh);
+    assert!(both.warnings[0].contains("`MaterialIDs`"), "{:?}", both.warnings);
+    let start = text.find("<CellData>").unwrap();
+    let end = text.find("</CellData>").unwrap();
+    let ids_alone = format!("{}<CellData>{ids}{}", &text[..start], &text[end..]);
+    let ids_alone = ids_alone.replace("</PointData>", &format!("{of_points}</PointData>"));
+    let hint = read(ids_alone.as_bytes()).unwrap().region_hint.unwrap();
+    assert!(hint.contains("`GlobalElementId`") && hint.contains("numbers: `organ`"), "{hint}");
+    assert!(hint.contains("Point Data to Cell Data"), "{hint}");
     // An array that is not wanted is not decoded.
     assert_eq!(read(broken.as_bytes()).unwrap().mesh, file.mesh);
 }
@@ -194,6 +214,10 @@ fn other_formats_are_named() {
         (b"*HEADING\n*NODE\n", "an Abaqus file", "meshio"),
         (b"480 4 0\n0 90 76 58 151\n", "a TetGen file", "-k"),
         (b"MeshVersionFormatted 2\n", "a Medit file", "gmsh"),
+        (b"BEGIN BULK\nGRID", "a Nastran file", "meshio"),
+        (b"<febio_spec version='4.0'>", "a FEBio file", "export it as VTK"),
+        (b"<VTKFile type=\"Collection\">", "a list of VTK files", "give the .vtu"),
+        (b"glTF\x02", "a scene of glTF", "mesh make"),
         (b"ply\nformat ascii 1.0\n", "a PLY surface", "mesh make"),
         (b"NRRD0004\n", "NRRD labels", "mesh make"),
     ] {
