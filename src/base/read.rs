@@ -135,7 +135,10 @@ pub fn bytes(path: &Path, kind: Kind) -> io::Result<Vec<u8>> {
 
 /// Reads a file as [`bytes`] does, as UTF-8 text without zeros.
 pub fn text(path: &Path, kind: Kind) -> io::Result<String> {
-    match String::from_utf8(bytes(path, kind)?) {
+    let mut bytes = bytes(path, kind)?;
+    // Windows marks UTF-8 by U+FEFF at the start, which is no part of the text.
+    bytes.drain(..if bytes.starts_with(b"\xef\xbb\xbf") { 3 } else { 0 });
+    match String::from_utf8(bytes) {
         Ok(text) if !text.contains('\0') => Ok(text),
         Ok(text) => Err(no_text(text.as_bytes(), text.len())),
         Err(error) => Err(no_text(error.as_bytes(), error.utf8_error().valid_up_to())),
@@ -272,6 +275,8 @@ mod tests {
         }
         fs::write(&path, "a,b\r\n1,Müller\t\x0c\n").unwrap();
         assert!(text(&path, CSV).is_ok());
+        fs::write(&path, "\u{feff}{}").unwrap();
+        assert_eq!(text(&path, CSV).unwrap(), "{}");
     }
 
     #[test]

@@ -86,10 +86,14 @@ pub fn clipped(text: &str, columns: usize) -> String {
 
 /// Lists the first names and the number of the others.
 pub fn some_of(names: &[String]) -> String {
-    const SHOWN: usize = 16;
-    match names.len().saturating_sub(SHOWN) {
-        0 => names.join(", "),
-        more => format!("{} and {more} more", names[..SHOWN].join(", ")),
+    first_of(names, 16, ", ")
+}
+
+/// Lists the first `shown` texts and the number of the others.
+pub fn first_of(texts: &[String], shown: usize, between: &str) -> String {
+    match texts.len().saturating_sub(shown) {
+        0 => texts.join(between),
+        more => format!("{} and {more} more", texts[..shown].join(between)),
     }
 }
 

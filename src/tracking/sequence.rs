@@ -107,6 +107,8 @@ struct Stored {
     /// Columns and rows.
     size: [usize; 2],
     images: usize,
+    /// Whether the values of a pixel in all images follow one another.
+    is_by_pixel: bool,
     /// Distance between columns and between rows, mm.
     steps_mm: Option<[f64; 2]>,
 }
@@ -118,15 +120,22 @@ impl Stored {
         // MetaImage has a direction for every axis, whatever its kind.
         let kind = |axis: usize| keys.kinds.get(axis).filter(|_| keys.kinds.len() == axes.len());
         let is_colour = |kind: &String| kind.contains("vector") || kind.contains("color");
-        let first_is_spatial = match kind(0) {
-            Some(kind) => matches!(kind.as_str(), "domain" | "space" | "???" | "none"),
-            None => axes.first().is_some_and(|axis| axis.direction.is_some()),
+        let is_rgb = keys.image_type.as_deref().is_some_and(|kind| kind.starts_with("RGB"));
+        let may_be_colour = is_rgb && axes.len() > 3 && matches!(axes[0].size, 3 | 4);
+        let first_is_spatial = match kind(0).map(String::as_str) {
+            Some("domain" | "space") => true,
+            Some("???" | "none") => !may_be_colour,
+            Some(_) => false,
+            None => !may_be_colour && axes.first().is_some_and(|axis| axis.direction.is_some()),
         };
-        let is_interleaved = axes.len() > 2 && !first_is_spatial;
+        // 3D Slicer wrote the frames of a sequence first, now it writes them last.
+        let is_flat = axes.len() == 3 || (axes.len() == 4 && axes[3].size == 1);
+        let is_by_pixel = is_flat && !is_rgb && kind(0).is_some_and(|kind| kind == "list");
+        let is_interleaved = axes.len() > 2 && !first_is_spatial && !is_by_pixel;
         let (channels, rest) = if is_interleaved {
             (axes[0].size, &axes[1..])
         } else {
-            (1, axes)
+            (1, &axes[usize::from(is_by_pixel)..])
         };
         let sizes: Vec<usize> = rest.iter().map(|axis| axis.size).collect();
         let last_is_colour = axes.len() > 2 && kind(axes.len() - 1).is_some_and(is_colour);
@@ -160,7 +169,8 @@ impl Stored {
         Ok(Self {
             channels,
             size,
-            images,
+            images: if is_by_pixel { axes[0].size } else { images },
+            is_by_pixel,
             steps_mm: steps.first_chunk().copied(),
         })
     }
@@ -188,7 +198,12 @@ impl Sequence {
         let pixels = read_data(&mut header)?;
         let mut sequence = Self::assemble(header, Some(stored.images))?;
         if pixels.len() == stored.channels * stored.size[0] * stored.size[1] * stored.images {
-            sequence.pixels = pixels;
+            sequence.pixels = if stored.is_by_pixel {
+                let of_image = |image: usize| pixels[image..].iter().step_by(stored.images);
+                (0..stored.images).flat_map(of_image).copied().collect()
+            } else {
+                pixels
+            };
             if stored.channels > 1 {
                 let told = "the images are in colour: grey is 0.299 R + 0.587 G + 0.114 B (Rec. 601)";
                 sequence.warnings.push(told.to_owned());
@@ -491,6 +506,7 @@ mod tests {
             ),
             (nrrd("RGBA-color domain domain list", "4 3 2 2", ""), 4),
             (nrrd("list domain domain list", "4 3 2 2", ""), 4),
+            (nrrd("??? ??? ??? ???", "3 3 2 2", ""), 3),
             (meta("3 2 2", "ElementNumberOfChannels = 3"), 3),
             (
                 meta("3 2 2", "ElementNumberOfChannels = 4\nKinds = domain domain list"),
@@ -549,6 +565,41 @@ mod tests {
         let (_folder, path) = write(&meta("3 2 2", "Kinds = domain domain list"), &[0; 12]);
         let grey = Sequence::read(&path).expect("grey");
         assert_eq!((grey.image_size, grey.colours(0)), (Some([3, 2]), None));
+    }
+
+    #[test]
+    fn images_are_those_of_the_list_wherever_it_stands() {
+        for (kinds, sizes, data) in [
+            (
+                "domain domain domain list",
+                "3 2 1 2",
+                [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11],
+            ),
+            (
+                "list domain domain domain",
+                "2 3 2 1",
+                [0, 6, 1, 7, 2, 8, 3, 9, 4, 10, 5, 11],
+            ),
+        ] {
+            let text =
+                format!("NRRD0004\ntype: uint8\ndimension: 4\nsizes: {sizes}\nencoding: raw\nkinds: {kinds}\n\n");
+            let folder = tempfile::tempdir().unwrap();
+            let path = folder.path().join("a.seq.nrrd");
+            std::fs::write(&path, [text.as_bytes(), &data].concat()).unwrap();
+            let sequence = Sequence::read(&path).expect(kinds);
+            assert_eq!(
+                (sequence.image_size, sequence.frames.len()),
+                (Some([3, 2]), 2),
+                "{kinds}"
+            );
+            assert_eq!(sequence.image(1).unwrap().pixels, [6, 7, 8, 9, 10, 11], "{kinds}");
+            let info = SequenceInfo::of(&path).expect(kinds);
+            assert_eq!(
+                (info.frames, info.images.map(|images| images.width)),
+                (2, Some(3)),
+                "{kinds}"
+            );
+        }
     }
 
     #[test]

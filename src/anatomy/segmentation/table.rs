@@ -168,7 +168,7 @@ impl Names {
         };
         // Comma last: names hold commas more often than tabs or semicolons.
         let delimiter = ['\t', ';'].into_iter().find(|c| first.contains(*c)).unwrap_or(',');
-        let text = text.trim_start_matches('\u{feff}').as_bytes();
+        let text = text.as_bytes();
         let mut reader = csv::ReaderBuilder::new()
             .trim(csv::Trim::All)
             .has_headers(has_header)

@@ -125,6 +125,18 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     let values = 1..=count as i64 - i64::from(has_background);
     let names: Vec<Option<String>> = values.map(|value| header.names.get(&value).cloned()).collect();
     let labelled = flattened(&of_voxels, &sets.channels, &names);
+    // Regions within others lie above them: where others hide most masks wholly, they are no masks of labels.
+    let is_claimed = |channel: &usize| sets.channels.iter().any(|set| set.contains(channel));
+    let is_hidden = |channel: &usize| labelled.labels[channel + 1].voxels == 0 && is_claimed(channel);
+    let hidden = (0..names.len()).filter(is_hidden).count();
+    if !is_fastest && 2 * hidden > names.len() && grid.size[0] < count {
+        let found = format!("{count} masks in axis {axis}, {hidden} of which others cover wholly");
+        let instead = format!(
+            "the masks seem to be the {} entries of axis 0: save them along the last axis (numpy.moveaxis(masks, 0, -1))",
+            grid.size[0]
+        );
+        return Err(header.unsupported(found, instead));
+    }
     warnings.extend(labelled.warning);
     let background = if has_background {
         ", the first of them the background"
@@ -277,6 +289,27 @@ mod tests {
         // Where the corner has another channel, all of them are labels.
         let loaded = load(&file(folder.path(), LAST, &[0, 1, 1, 1, 1, 0, 0, 0])).unwrap();
         assert_eq!(loaded.volume.voxels(), [2, 1, 1, 1]);
+    }
+
+    #[test]
+    fn masks_that_hide_one_another_lie_along_a_shorter_axis() {
+        let folder = tempfile::tempdir().unwrap();
+        // Two organs of 3 x 2 x 1 voxels, the organs in the first axis: entry after entry of the last one is the same.
+        let header = "sizes: 2 2 1 3\nspace directions: (1,0,0) (0,1,0) (0,0,1) none";
+        let nested = [1, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0];
+        let message = load(&file(folder.path(), header, &nested)).unwrap_err().to_string();
+        assert!(
+            message.contains("3 masks in axis 3, 2 of which others cover wholly")
+                && message.contains("the 2 entries of axis 0"),
+            "{message}"
+        );
+        // Regions within regions and empty masks are read.
+        for masks in [
+            [1, 1, 1, 0, 1, 1, 0, 0, 1, 0, 0, 0],
+            [1, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0],
+        ] {
+            assert!(load(&file(folder.path(), header, &masks)).is_ok());
+        }
     }
 
     #[test]

@@ -68,11 +68,16 @@ pub fn load(path: &Path) -> Result<Loaded, VolumeError> {
     let header = read_header(path)?;
     refuse_sequence(&header)?;
     let unit = header.unit.clone();
-    let loaded = match channels::axis(&header) {
+    let is_slice = header.axes.iter().filter(|axis| axis.direction.is_some()).count() == 2;
+    let mut loaded = match channels::axis(&header) {
         Some(axis) => channels::volume(header, axis)?,
         None => labels::volume(header).map_err(|error| grey(path, error))?,
     };
     extent::check(&loaded.volume, unit.as_deref()).map_err(|error| error.in_file(path))?;
+    if is_slice {
+        let told = "the file states no thickness of its only slice: taken as 1 mm";
+        loaded.notes.push(told.to_owned());
+    }
     Ok(loaded)
 }
 

@@ -4,7 +4,11 @@ use std::cmp::Reverse;
 use std::collections::BTreeMap;
 
 use super::complete::is_body;
-use insonify_base::text::some_of;
+use insonify_base::text::first_of;
+
+/// Number of covered labels that are named, and of those that cover each.
+const COVERED: usize = 16;
+const COVERING: usize = 3;
 
 /// Precedence of a label among those of a voxel, the highest on top: organs lie above bodies, and smaller ones above
 /// larger ones.
@@ -36,14 +40,17 @@ impl Overlaps {
             let mut by: Vec<(u64, usize)> = above.iter().map(|(above, voxels)| (*voxels, *above)).collect();
             by.sort_by_key(|(voxels, _)| Reverse(*voxels));
             let by: Vec<String> = by.iter().map(|(_, above)| label(*above).0).collect();
-            covered.push((share, format!("{name}: {percent} % covered by {}", some_of(&by))));
+            covered.push((
+                share,
+                format!("{name}: {percent} % covered by {}", first_of(&by, COVERING, ", ")),
+            ));
         }
         covered.sort_by(|a, b| b.0.total_cmp(&a.0));
         let covered: Vec<String> = covered.into_iter().map(|(_, text)| text).collect();
         (!covered.is_empty()).then(|| {
             format!(
                 "{kind} overlap, and a body lies below organs, a larger one below a smaller one: {}",
-                covered.join("; ")
+                first_of(&covered, COVERED, "; ")
             )
         })
     }

@@ -86,12 +86,14 @@ fn is_grey(channels: &usize) -> bool {
 }
 
 impl SequenceInfo {
-    /// Summarises a file; `None` for a file that is not a sequence: one with neither keys of frames nor an
-    /// orientation of ultrasound images, or an unreadable one.
+    /// Summarises a file; `None` for a file that is not a sequence: one with neither keys of frames, an orientation of
+    /// ultrasound images nor the name of a sequence of images of 3D Slicer, or an unreadable one.
     pub fn of(path: &Path) -> Option<Self> {
         let header = read_header(path).ok()?;
         let keys = keys::parse(&header.key_values);
-        if keys.frames.is_empty() && keys.orientation.is_none() {
+        let is_named = || path.to_string_lossy().to_ascii_lowercase().ends_with(".seq.nrrd");
+        let has_images = || Stored::of(&header, &keys).is_ok_and(|stored| stored.images > 1);
+        if keys.frames.is_empty() && keys.orientation.is_none() && !(is_named() && has_images()) {
             return None;
         }
         let mut warnings = header.warnings.clone();

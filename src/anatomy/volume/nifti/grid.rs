@@ -30,7 +30,8 @@ pub(super) fn axes(
         };
         warnings.push(format!("the sform spans no volume: the {other} used"));
     }
-    let affine = if raw.sform_code > 0 && !is_flat {
+    let by_sform = raw.sform_code > 0 && !is_flat;
+    let affine = if by_sform {
         let mut affine = sform;
         warnings.extend(take_missing_scale(raw, &sizes, &mut affine, mm));
         warnings.extend(contradiction(raw, &sizes, &affine, mm));
@@ -61,7 +62,8 @@ pub(super) fn axes(
         .map(|(number, &size)| {
             let direction = (number < 3).then(|| lps(number));
             // A single slice may leave its own direction empty; it then gets the normal of the other two.
-            let empty = size == 1 && number == 2 && direction.is_some_and(|d| d.norm() == 0.0);
+            let is_unstated = |d: Vector3<f64>| d.norm() == 0.0 || (!by_sform && raw.pixdim[3] == 0.0);
+            let empty = size == 1 && number == 2 && direction.is_some_and(is_unstated);
             Axis {
                 size,
                 direction: direction.filter(|_| !empty),
