@@ -291,6 +291,12 @@ impl Register {
         }
         let read = read(&self.surface, self.unit)?;
         let world = self.axes(read.is_ras, read.guessed_ras);
+        if !read.left_out.is_empty() {
+            let (name, kinds) = (self.surface.display(), some_of(&read.left_out));
+            terminal::note(format_args!(
+                "{name}: points and curves are read, markups of other kinds left out: {kinds}"
+            ));
+        }
         Ok((read.points.iter().map(|point| in_lps(world, point)).collect(), world))
     }
 }

@@ -12,6 +12,7 @@ use insonify_base::csv::Csv;
 use insonify_base::matrix::FARTHEST_MM;
 use insonify_base::number;
 use insonify_base::read;
+use insonify_base::text::some_of;
 use insonify_mesh::file::{SURFACES, SurfaceFile, Unit};
 
 /// Lengths between which a surface can be one of a body, mm: an organ of a mouse, a man.
@@ -26,7 +27,12 @@ pub struct SurfacePoints {
     pub is_ras: Option<bool>,
     /// Whether a file that states none is taken as RAS, by its kind.
     pub guessed_ras: bool,
+    /// Kinds of markups of 3D Slicer that are left out, as their points are those of no surface.
+    pub left_out: Vec<String>,
 }
+
+/// Kinds of markups whose points lie on what they mark.
+const TOUCHING: [&str; 3] = ["Fiducial", "Curve", "ClosedCurve"];
 
 /// Reads the points of a surface by the ending of its file: CSV with the columns `x_mm`, `y_mm`, `z_mm`, points of 3D
 /// Slicer (`.fcsv`, `.mrk.json`), or a surface of triangles, whose coordinates are in the given unit.
@@ -52,7 +58,7 @@ pub fn read(path: &Path, unit: Unit) -> Result<SurfacePoints, VolumeError> {
             SurfacePoints {
                 points: file.points.iter().map(in_mm).collect(),
                 is_ras: file.is_ras,
-                guessed_ras: false,
+                ..SurfacePoints::default()
             }
         }
         _ => {
@@ -161,6 +167,8 @@ struct Markups {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Markup {
+    #[serde(default, rename = "type")]
+    kind: Option<String>,
     #[serde(default)]
     coordinate_system: Option<String>,
     #[serde(default)]
@@ -184,6 +192,10 @@ fn markups(text: &str) -> Result<SurfacePoints, String> {
     let mut surface = SurfacePoints::default();
     let mut axes = None;
     for markup in file.markups {
+        if let Some(kind) = markup.kind.filter(|kind| !TOUCHING.contains(&kind.as_str())) {
+            surface.left_out.push(kind);
+            continue;
+        }
         let is_ras = match markup.coordinate_system.as_deref() {
             Some("RAS" | "0") => Some(true),
             Some("LPS" | "1") => Some(false),
@@ -215,7 +227,12 @@ fn markups(text: &str) -> Result<SurfacePoints, String> {
             .points
             .extend(points.filter_map(|point| point.position.map(Point3::from)));
     }
-    Ok(surface)
+    match some_of(&surface.left_out) {
+        kinds if surface.points.is_empty() && !kinds.is_empty() => {
+            Err(format!("found markups of the kind {kinds} alone; {EXPECTED} of the kind {}", TOUCHING.join(", ")))
+        }
+        _ => Ok(surface),
+    }
 }
 
 fn csv(path: &Path) -> Result<Vec<Point3<f64>>, VolumeError> {
@@ -299,6 +316,9 @@ mod tests {
                 .expect_err("unit")
                 .contains("\"um\"")
         );
+        let mixed = json("", "").replace("\"markups\": [", "\"markups\": [{\"type\": \"ROI\", \"controlPoints\": [{\"position\": [0, 0, 0]}]}, ");
+        let read = markups(&mixed).expect("points and a region");
+        assert_eq!((&read.points[..], &read.left_out[..]), (&points[..], &["ROI".to_owned()][..]));
         assert!(markups("{\"other\": 1}").expect_err("json").contains("controlPoints"));
     }
 

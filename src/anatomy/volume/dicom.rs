@@ -1,6 +1,6 @@
-//! Segmentations in DICOM (PS3.3 A.51, C.8.20): segments as labels, with their names. The world is LPS as in DICOM.
+//! Segmentations in DICOM (PS3.3 A.51 and A.90, C.8.20): segments as labels, with their names. The world is LPS as in DICOM.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::io::Cursor;
 use std::path::Path;
 
@@ -14,8 +14,8 @@ use super::error::{At, VolumeError};
 use super::names::coded;
 use super::{Loaded, extent};
 
-/// Class of segmentations of one bit or one probability a voxel.
-const SEGMENTATION: &[u8] = b"1.2.840.10008.5.1.4.1.1.66.4";
+/// Classes of segmentations: of one bit or one probability a voxel for each segment, and of the number of a segment.
+const SEGMENTATIONS: [&[u8]; 2] = [b"1.2.840.10008.5.1.4.1.1.66.4", b"1.2.840.10008.5.1.4.1.1.66.7"];
 
 /// Deviation of a slice from its place in the stack, in slices, that is taken as rounding.
 const UNEVEN: f64 = 0.05;
@@ -25,11 +25,13 @@ const MOST_SLICES: usize = 1000;
 
 /// Whether these first bytes are those of a segmentation.
 pub(super) fn recognises(start: &[u8]) -> bool {
-    start.get(128..132) == Some(b"DICM") && start.windows(SEGMENTATION.len()).any(|part| part == SEGMENTATION)
+    let is_class = |part: &[u8]| SEGMENTATIONS.contains(&part);
+    start.get(128..132) == Some(b"DICM") && start.windows(SEGMENTATIONS[0].len()).any(is_class)
 }
 
-/// One image of a segment.
+/// One image of a segment, or of the numbers of segments.
 struct Frame {
+    /// 0 if the pixels are numbers.
     segment: u16,
     position: Vector3<f64>,
 }
@@ -66,7 +68,7 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
             path,
             At::Pixels,
             found,
-            "segments of one bit or of 8-bit probabilities are read, not compressed",
+            "segments of one bit, of 8-bit probabilities or of numbers of 8 or 16 bits are read, not compressed",
         )
     })?;
     let slices = stack.slices;
@@ -76,19 +78,19 @@ fn parse(path: &Path, bytes: &[u8]) -> Result<Loaded, VolumeError> {
     )?;
     of_voxels.resize(pixels * slices, 0);
     let mut sets = Sets::new(None);
-    let mut numbered: Vec<u16> = segments
-        .keys()
-        .copied()
-        .chain(frames.iter().map(|frame| frame.segment))
-        .collect();
-    numbered.sort_unstable();
-    numbered.dedup();
+    let mut numbered: BTreeSet<u16> = segments.keys().copied().collect();
+    match &mask {
+        Mask::Numbers(numbers) => numbered.extend(numbers),
+        _ => numbered.extend(frames.iter().map(|frame| frame.segment)),
+    }
+    numbered.remove(&0);
+    let numbered: Vec<u16> = numbered.into_iter().collect();
     VolumeError::check_labels(numbered.len() + 1).map_err(|error| error.in_file(path))?;
     for (index, frame) in frames.iter().enumerate() {
-        let channel = numbered.partition_point(|number| *number < frame.segment);
         let slice = stack.slice(frame) * pixels;
         for pixel in 0..pixels {
-            if mask.marks(index * pixels + pixel) {
+            if let Some(segment) = mask.segment(index * pixels + pixel, frame.segment) {
+                let channel = numbered.partition_point(|number| *number < segment);
                 let voxel = &mut of_voxels[slice + pixel];
                 *voxel = sets.with(*voxel, channel);
             }
@@ -159,16 +161,18 @@ impl Geometry {
             return Err(without("PixelSpacing"));
         };
         let (along_row, down_column) = (Vector3::new(rx, ry, rz), Vector3::new(cx, cy, cz));
+        let is_of_numbers = is_of_numbers(object);
         let frames: Option<Vec<Frame>> = groups
             .iter()
             .map(|group| {
                 let in_shared = |sequence: Tag, tag: Tag| {
                     numbers(group, sequence, tag).or_else(|| shared.and_then(|shared| numbers(shared, sequence, tag)))
                 };
-                let [segment] = array(in_shared(
+                let segment = in_shared(
                     tags::SEGMENT_IDENTIFICATION_SEQUENCE,
                     tags::REFERENCED_SEGMENT_NUMBER,
-                ))?;
+                );
+                let [segment] = array(segment.filter(|_| !is_of_numbers).or(is_of_numbers.then(|| vec![0.0])))?;
                 let [x, y, z] = array(in_shared(tags::PLANE_POSITION_SEQUENCE, tags::IMAGE_POSITION_PATIENT))?;
                 Some(Frame {
                     segment: segment as u16,
@@ -299,8 +303,15 @@ impl Stack {
     }
 }
 
+/// Whether the pixels are the numbers of segments.
+fn is_of_numbers(object: &InMemDicomObject) -> bool {
+    let kind = object.get(tags::SEGMENTATION_TYPE).and_then(|kind| kind.to_str().ok());
+    kind.is_some_and(|kind| kind.trim() == "LABELMAP")
+}
+
 /// Pixels of all frames.
 enum Mask {
+    Numbers(Vec<u16>),
     Bits(Vec<u8>),
     /// Probabilities, and the number from which they are at least one half.
     Probabilities(Vec<u8>, u8),
@@ -317,13 +328,22 @@ impl Mask {
         let bits = object
             .get(tags::BITS_ALLOCATED)
             .and_then(|bits| bits.to_int::<u32>().ok());
+        let is_of_numbers = is_of_numbers(object);
         let needed = match bits {
-            Some(1) => pixels.div_ceil(8),
+            Some(1) if !is_of_numbers => pixels.div_ceil(8),
             Some(8) => pixels,
+            Some(16) if is_of_numbers => 2 * pixels,
             _ => return Err(format!("pixels of {} bits", bits.unwrap_or(0))),
         };
         if bytes.len() < needed {
             return Err(format!("{} bytes of pixels where {needed} are needed", bytes.len()));
+        }
+        if is_of_numbers {
+            let of_16_bits = bytes.as_chunks::<2>().0;
+            return Ok(Self::Numbers(match bits {
+                Some(16) => of_16_bits.iter().map(|pair| u16::from_ne_bytes(*pair)).collect(),
+                _ => bytes.iter().map(|byte| u16::from(*byte)).collect(),
+            }));
         }
         if bits == Some(1) {
             return Ok(Self::Bits(bytes));
@@ -335,16 +355,19 @@ impl Mask {
         Ok(Self::Probabilities(bytes, half as u8))
     }
 
-    fn marks(&self, pixel: usize) -> bool {
-        match self {
-            Self::Bits(bytes) => bytes[pixel / 8] >> (pixel % 8) & 1 == 1,
-            Self::Probabilities(bytes, half) => bytes[pixel] >= *half,
-        }
+    /// Segment of a pixel in a frame of a segment.
+    fn segment(&self, pixel: usize, of_frame: u16) -> Option<u16> {
+        let segment = match self {
+            Self::Numbers(numbers) => numbers[pixel],
+            Self::Bits(bytes) => of_frame * u16::from(bytes[pixel / 8] >> (pixel % 8) & 1),
+            Self::Probabilities(bytes, half) => of_frame * u16::from(bytes[pixel] >= *half),
+        };
+        (segment > 0).then_some(segment)
     }
 
     fn note(&self) -> Option<String> {
         match self {
-            Self::Bits(_) => None,
+            Self::Bits(_) | Self::Numbers(_) => None,
             Self::Probabilities(..) => {
                 Some("segments are taken where their probability is at least one half".to_owned())
             }

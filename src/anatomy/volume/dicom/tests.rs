@@ -148,6 +148,34 @@ fn probabilities_of_one_half_are_segments() {
 }
 
 #[test]
+fn numbers_of_segments_are_labels() {
+    let map = |bits: u16, numbers: PrimitiveValue| {
+        let bytes = file(&[(1, "0\\0\\0", 0)], |object| {
+            put(object, tags::SOP_CLASS_UID, VR::UI, "1.2.840.10008.5.1.4.1.1.66.7");
+            put(object, tags::SEGMENTATION_TYPE, VR::CS, "LABELMAP");
+            put(object, tags::BITS_ALLOCATED, VR::US, bits);
+            let mut group = InMemDicomObject::new_empty();
+            let place = item(tags::IMAGE_POSITION_PATIENT, VR::DS, "0\\0\\0");
+            sequence(&mut group, tags::PLANE_POSITION_SEQUENCE, vec![place]);
+            sequence(object, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, vec![group]);
+            put(object, tags::PIXEL_DATA, if bits == 8 { VR::OB } else { VR::OW }, numbers.clone());
+        });
+        loaded(&bytes).unwrap().volume
+    };
+    for volume in [
+        map(8, vec![0_u8, 1, 2, 2, 5, 0, 0, 1].into()),
+        map(16, PrimitiveValue::U16([0_u16, 1, 2, 2, 5, 0, 0, 1].into_iter().collect())),
+    ] {
+        assert_eq!(volume.voxels(), [0, 1, 2, 2, 3, 0, 0, 1]);
+        let labels: Vec<_> = volume.labels()[1..]
+            .iter()
+            .map(|label| (label.value, label.name.as_deref()))
+            .collect();
+        assert_eq!(labels, [(1, Some("Liver")), (2, Some("Right Kidney")), (5, None)]);
+    }
+}
+
+#[test]
 fn what_is_not_stated_or_does_not_fit_is_refused() {
     let refused = |bytes: &[u8]| loaded(bytes).map(drop).expect_err("refused").to_string();
     for (expected, change) in [
