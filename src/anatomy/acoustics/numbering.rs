@@ -124,6 +124,7 @@ numberings! {
     CtOrg = "CT-ORG" in "ct_org.csv";
     Synapse = "TransUNet" in "synapse.csv";
     Lits = "LiTS" in "lits.csv";
+    Kits = "KiTS" in "kits.csv";
     LungVessels = "TotalSegmentator lung_vessels" in "lung_vessels.csv";
     LiverVessels = "TotalSegmentator liver_vessels" in "liver_vessels.csv";
 }

@@ -228,9 +228,10 @@ fn markups(text: &str) -> Result<SurfacePoints, String> {
             .extend(points.filter_map(|point| point.position.map(Point3::from)));
     }
     match some_of(&surface.left_out) {
-        kinds if surface.points.is_empty() && !kinds.is_empty() => {
-            Err(format!("found markups of the kind {kinds} alone; {EXPECTED} of the kind {}", TOUCHING.join(", ")))
-        }
+        kinds if surface.points.is_empty() && !kinds.is_empty() => Err(format!(
+            "found markups of the kind {kinds} alone; {EXPECTED} of the kind {}",
+            TOUCHING.join(", ")
+        )),
         _ => Ok(surface),
     }
 }
@@ -316,9 +317,15 @@ mod tests {
                 .expect_err("unit")
                 .contains("\"um\"")
         );
-        let mixed = json("", "").replace("\"markups\": [", "\"markups\": [{\"type\": \"ROI\", \"controlPoints\": [{\"position\": [0, 0, 0]}]}, ");
+        let mixed = json("", "").replace(
+            "\"markups\": [",
+            "\"markups\": [{\"type\": \"ROI\", \"controlPoints\": [{\"position\": [0, 0, 0]}]}, ",
+        );
         let read = markups(&mixed).expect("points and a region");
-        assert_eq!((&read.points[..], &read.left_out[..]), (&points[..], &["ROI".to_owned()][..]));
+        assert_eq!(
+            (&read.points[..], &read.left_out[..]),
+            (&points[..], &["ROI".to_owned()][..])
+        );
         assert!(markups("{\"other\": 1}").expect_err("json").contains("controlPoints"));
     }
 

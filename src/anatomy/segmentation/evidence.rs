@@ -190,6 +190,10 @@ impl Fit {
         fit.order(&present, ordered, volume.labels(), scale, slant);
         if is_turned {
             fit.odd.truncate(odd);
+            if let Some(axes) = pose.exchanged() {
+                let told = format!("the axes {axes} seem to be exchanged (transpose the array before it is saved)");
+                fit.turned = Some(told);
+            }
             fit.turned.get_or_insert_with(|| {
                 if pose.is_mirrored() {
                     "the file is mirrored".to_owned()

@@ -6,7 +6,7 @@ use super::{Naming, Segmentation};
 use crate::acoustics::{Preset, known, numbering};
 use crate::volume::LabelVolume;
 use crate::volume::complete::has_body_values;
-use insonify_base::text::some_of;
+use insonify_base::text::{first_of, some_of};
 
 /// Number of labels with evidence for their organ from which a numbering is accepted without a warning.
 pub(super) const ENOUGH: usize = 3;
@@ -32,6 +32,9 @@ const RARE: usize = 3;
 /// Tangent of the angle by which a body may be turned about its long axis before its orientation is questioned: 27
 /// degrees.
 const SLANT: f64 = 0.5;
+
+/// Tissues that any organ may have in it.
+const LESIONS: [&str; 2] = ["lesion", "cyst"];
 
 /// Number of names that show how a numbering reads labels.
 const FEW: usize = 4;
@@ -126,17 +129,23 @@ impl Segmentation {
     /// Readings of labels by the numberings that have all of them, or enough, the most common first.
     fn readings(&self, nameless: &[usize], stem: Option<&str>, extents: &Extents) -> Vec<Reading> {
         let reading = |&preset: &Preset| {
-            let (known, unknown): (Vec<usize>, Vec<usize>) =
+            let (numbered, unknown): (Vec<usize>, Vec<usize>) =
                 nameless.iter().partition(|index| self.organ(preset, **index).is_some());
             let organ = |&index: &usize| Some((index, self.organ(preset, index)?.to_owned()));
-            let names: Vec<_> = known.iter().filter_map(organ).collect();
+            let names: Vec<_> = numbered.iter().filter_map(organ).collect();
             // Files of TotalSegmentator are those that others add labels to.
             let knows_enough = names.len() >= KNOWN * unknown.len() || preset == Preset::TotalSegmentator;
             if names.is_empty() || !knows_enough {
                 return None;
             }
-            let mut fit = Fit::of(&self.volume, extents, &names, Frame::Body);
             let is_stated = stem.is_some_and(|stem| preset.is_stated_by(stem));
+            // Of lesions there is no evidence: where most labels are such, the file's name has to say so.
+            let is_lesion = |name: &str| known(name).is_some_and(|(tissue, _)| LESIONS.contains(&&*tissue.name));
+            let lesions = names.iter().filter(|(_, name)| is_lesion(name)).count();
+            if 2 * lesions > names.len() && !is_stated {
+                return None;
+            }
+            let mut fit = Fit::of(&self.volume, extents, &names, Frame::Body);
             fit.score += if is_stated { STATED } else { 0.0 } + UNKNOWN * unknown.len() as f64;
             Some(Reading {
                 preset,
@@ -166,16 +175,16 @@ impl Segmentation {
             return;
         }
         let readings = self.readings(&nameless, stem, extents);
-        let Some(best) = readings
-            .first()
-            .map(|first| readings.iter().fold(first, better))
-            .filter(|best| strange.is_empty() || best.is_sure())
-        else {
+        let Some(best) = best(&readings).filter(|best| strange.is_empty() || best.is_sure()) else {
             return self.read_as(usual, &[], &strange);
         };
+        let top = readings
+            .iter()
+            .map(|reading| reading.fit.score)
+            .fold(best.fit.score, f64::max);
         let rivals: Vec<&Reading> = readings
             .iter()
-            .filter(|rival| rival.names != best.names && rival.fit.score > best.fit.score - MARGIN)
+            .filter(|rival| rival.names != best.names && rival.fit.score > top - MARGIN)
             .collect();
         let certain = best.certain(&readings, &rivals);
         let is_certain = |label: &usize| certain.contains(label) || best.unknown.contains(label);
@@ -260,20 +269,23 @@ impl Segmentation {
     }
 }
 
-/// The reading with the higher score, or of equal ones the first.
-fn better<'a>(best: &'a Reading, next: &'a Reading) -> &'a Reading {
-    if next.fit.score > best.fit.score { next } else { best }
+/// The reading with the highest score, or that of the most common numbering if it fits as well, and as surely.
+fn best(readings: &[Reading]) -> Option<&Reading> {
+    let highest = readings
+        .iter()
+        .reduce(|best, next| if next.fit.score > best.fit.score { next } else { best })?;
+    let usual = readings
+        .iter()
+        .find(|reading| reading.preset == Preset::TotalSegmentator);
+    let is_as_good =
+        |usual: &&Reading| usual.fit.score > highest.fit.score - MARGIN && (usual.is_sure() || !highest.is_sure());
+    usual.filter(is_as_good).or(Some(highest))
 }
 
 /// The first descriptions and the number of the others; `None` if there is none.
 fn examples<'a>(descriptions: impl Iterator<Item = &'a str>) -> Option<String> {
-    let descriptions: Vec<&str> = descriptions.collect();
-    let first = &descriptions[..descriptions.len().min(EXAMPLES)];
-    let more = match descriptions.len() - first.len() {
-        0 => String::new(),
-        n => format!(" and {n} more"),
-    };
-    (!first.is_empty()).then(|| format!("{}{more}", first.join(", ")))
+    let descriptions: Vec<String> = descriptions.map(str::to_owned).collect();
+    (!descriptions.is_empty()).then(|| first_of(&descriptions, EXAMPLES, ", "))
 }
 
 /// The numbering that labels without names are read by, with what speaks for and against it.

@@ -168,10 +168,7 @@ impl Geometry {
                 let in_shared = |sequence: Tag, tag: Tag| {
                     numbers(group, sequence, tag).or_else(|| shared.and_then(|shared| numbers(shared, sequence, tag)))
                 };
-                let segment = in_shared(
-                    tags::SEGMENT_IDENTIFICATION_SEQUENCE,
-                    tags::REFERENCED_SEGMENT_NUMBER,
-                );
+                let segment = in_shared(tags::SEGMENT_IDENTIFICATION_SEQUENCE, tags::REFERENCED_SEGMENT_NUMBER);
                 let [segment] = array(segment.filter(|_| !is_of_numbers).or(is_of_numbers.then(|| vec![0.0])))?;
                 let [x, y, z] = array(in_shared(tags::PLANE_POSITION_SEQUENCE, tags::IMAGE_POSITION_PATIENT))?;
                 Some(Frame {

@@ -205,6 +205,28 @@ mod tests {
     }
 
     #[test]
+    fn a_slice_without_thickness_is_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.nrrd");
+        let told = |axes: &str| {
+            fs::write(
+                &path,
+                format!("NRRD0004\ntype: uchar\nspace: LPS\nencoding: raw\n{axes}\n\n\u{1}\0\0\u{1}"),
+            )
+            .unwrap();
+            load(&path)
+                .unwrap()
+                .notes
+                .iter()
+                .filter(|note| note.contains("no thickness"))
+                .count()
+        };
+        let two = "dimension: 2\nsizes: 2 2\nspace directions: (2,0,0) (0,2,0)";
+        let three = "dimension: 3\nsizes: 2 2 1\nspace directions: (2,0,0) (0,2,0) (0,0,5)";
+        assert_eq!([told(two), told(three)], [1, 0]);
+    }
+
+    #[test]
     fn data_in_several_files_are_one_image() {
         let folder = tempfile::tempdir().unwrap();
         let put = |name: &str, bytes: &[u8]| {

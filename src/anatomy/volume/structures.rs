@@ -37,6 +37,10 @@ const VALVES_MM: f64 = 3.0;
 /// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its
 /// axis.
 const VALVES_AT: f64 = 0.1;
+/// Least share of a kidney outside its sinus and pyramids, and of a heart outside its chambers: in an adult they are
+/// two thirds and half, in voxels wider than cortex or walls next to nothing.
+const LEAST_CORTEX: f64 = 0.5;
+const LEAST_WALL: f64 = 0.25;
 /// Thickness of the fat around kidneys and adrenal glands, mm.
 const RENAL_FAT_MM: f64 = 8.0;
 /// Width of the patches in soft tissue, mm, and the noise thresholds above which they are fat, and below which
@@ -61,6 +65,8 @@ struct Drawing<'a> {
     labels: Vec<Label>,
     /// Descriptions of what was drawn.
     notes: Vec<String>,
+    /// Names of the organs whose voxels are too large for their structures.
+    coarse: Vec<String>,
 }
 
 /// Draws structures into the organs of a completed volume.
@@ -73,26 +79,36 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
         voxels: volume.voxels().to_vec(),
         labels: volume.labels().to_vec(),
         notes: Vec::new(),
+        coarse: Vec::new(),
     };
     drawing.trees();
     drawing.kidneys();
     drawing.heart();
     drawing.filler();
     let Drawing {
-        voxels, labels, notes, ..
+        voxels,
+        labels,
+        notes,
+        coarse,
+        ..
     } = drawing;
+    let coarse = (!coarse.is_empty()).then(|| format!("voxels are too large for structures in {}", coarse.join(", ")));
     if notes.is_empty() {
         return Ok(Structured {
             volume: volume.clone(),
-            note: None,
+            note: coarse.map(Note::from),
         });
     }
+    let coarse = coarse.map_or_else(String::new, |coarse| format!("; {coarse}"));
     let mut structured = LabelVolume::new(volume.size(), voxels, labels, *volume.index_to_world())?;
     structured.set_undivided(volume.undivided().clone());
     Ok(Structured {
         volume: structured,
         note: Some(Note::new(
-            "structures were drawn into organs labelled in one piece; `structures = false` under [volume] leaves them out",
+            format_args!(
+                "structures were drawn into organs labelled in one piece; `structures = false` under [volume] leaves them \
+                 out{coarse}"
+            ),
             format_args!("drawn: {}", notes.join(", ")),
         )),
     })
@@ -139,17 +155,25 @@ impl Drawing<'_> {
             .transform_point(&Point3::from(voxel.map(|index| index as f64)))
     }
 
-    /// Relabels voxels of an organ: `structure` returns the label at a depth, mm, and a position in the world, mm, if
-    /// it is inside a structure.
-    fn relabel(&mut self, organ: &Organ, structure: impl Fn(f64, &Point3<f64>) -> Option<u8>) -> usize {
-        let mut drawn = 0;
-        for (voxel, depth) in organ.voxels() {
-            if let Some(label) = structure(depth, &self.world(voxel)) {
-                self.voxels[self.volume.offset(voxel)] = label;
-                drawn += 1;
-            }
+    /// Relabels voxels of an organ, of one label: `structure` returns the label at a depth, mm, and a position in the
+    /// world, mm, if it is inside a structure. An organ of which less than the share `least` would remain is left alone.
+    fn relabel(
+        &mut self,
+        (organ, label): (&Organ, u8),
+        least: f64,
+        structure: impl Fn(f64, &Point3<f64>) -> Option<u8>,
+    ) -> usize {
+        let inside = |(voxel, depth)| Some((self.volume.offset(voxel), structure(depth, &self.world(voxel))?));
+        let drawn: Vec<(usize, u8)> = organ.voxels().filter_map(inside).collect();
+        if drawn.len() as f64 > (1.0 - least) * organ.voxels().count() as f64 {
+            let name = self.volume.labels()[usize::from(label)].name.clone();
+            self.coarse.extend(name);
+            return 0;
         }
-        drawn
+        for (voxel, label) in &drawn {
+            self.voxels[*voxel] = *label;
+        }
+        drawn.len()
     }
 
     /// Draws the veins of livers and spleens.
@@ -234,7 +258,7 @@ impl Drawing<'_> {
             };
             let [cortex_mm, parenchyma_mm] = KIDNEY_MM;
             let sinus_mm = parenchyma_mm.min(SINUS_SHARE * organ.deepest_mm());
-            drawn += self.relabel(&organ, |depth, point| match depth {
+            drawn += self.relabel((&organ, kidney), LEAST_CORTEX, |depth, point| match depth {
                 _ if depth > sinus_mm => Some(sinus),
                 _ if depth > cortex_mm && noise.at(&point.coords) > PYRAMIDS_ABOVE => Some(medulla),
                 _ => None,
@@ -284,7 +308,7 @@ impl Drawing<'_> {
         let Some(blood) = self.label("blood") else {
             return;
         };
-        let drawn = self.relabel(&organ, |depth, point| {
+        let drawn = self.relabel((&organ, heart), LEAST_WALL, |depth, point| {
             let from = point.coords - middle;
             let (along, aside) = (from.dot(&axis) - valves, from.dot(&across));
             let is_wall = depth <= HEART_MM || aside.abs() < 0.5 * SEPTUM_MM || along.abs() < 0.5 * VALVES_MM;

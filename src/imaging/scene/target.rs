@@ -10,7 +10,7 @@ use insonify_anatomy::phantom;
 use insonify_anatomy::volume::{Label, LabelVolume};
 use insonify_base::document::{InputError, InvalidFile, Names, RegionName, nearest, plain};
 use insonify_base::matrix::Rows;
-use insonify_base::note::Notes;
+use insonify_base::note::{Note, Notes};
 use insonify_base::text::{MESSAGE, clipped, some_of};
 use insonify_tracking::placement::{Meaning, PlacementOptions, deepest_mm, place};
 use insonify_tracking::pose::{Pose, PoseSpec};
@@ -200,7 +200,16 @@ impl SceneFile {
                 } else {
                     "over"
                 };
-                notes.push(placement.note.about(format_args!("placed {position} {name}")));
+                let mut note = placement.note.about(format_args!("placed {position} {name}"));
+                let axial = placement.probe_to_world.column(1);
+                if position == "over" && axial.y < axial.x.abs() && body.has_drawn_skin() {
+                    let head = format!(
+                        "{}; the skin there is invented: check the position with --overview",
+                        note.head()
+                    );
+                    note = Note::new(head, note.details().unwrap_or_default());
+                }
+                notes.push(note);
                 Pose::from_matrix(&placement.probe_to_world).map_err(|error| self.fault("pose", error))
             }
             // Inside the body there is no place to fall back to; on the skin a picture from the front of the volume is
@@ -286,10 +295,21 @@ impl Body<'_> {
         self.matching(target).first().copied()
     }
 
-    /// Labels that match a target, the largest first: by value, by complete name, or by a part of a name.
+    /// Labels that match a target, those of the file before drawn ones and the largest first: by value, by complete name,
+    /// or by a part of a name.
     pub(super) fn matching(&self, target: &str) -> Vec<u8> {
         let meant = Names::new(self.entries()).all(&RegionName::Name(target.to_owned()));
-        self.by_size(|label, _| meant.contains(&label))
+        let mut labels = self.by_size(|label, _| meant.contains(&label));
+        labels.sort_by_key(|label| self.volume.drawn_into(usize::from(*label)).is_some());
+        labels
+    }
+
+    /// Whether the skin is that of a body closed around labels.
+    fn has_drawn_skin(&self) -> bool {
+        let mut skins = (0..).zip(self.volume.labels());
+        skins.any(|(label, entry)| {
+            entry.voxels == 0 && entry.name.as_deref() == Some("skin") && self.volume.holds(label)
+        })
     }
 
     /// Every label except the background, with its value and names.

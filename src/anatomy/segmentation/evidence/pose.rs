@@ -178,6 +178,14 @@ impl Pose {
         self.turn.determinant() < 0.0
     }
 
+    /// Axes of which one seems to be in the place of the other.
+    pub(super) fn exchanged(&self) -> Option<&'static str> {
+        const AXES: [([usize; 3], &str); 3] = [([1, 0, 2], "x and y"), ([2, 1, 0], "x and z"), ([0, 2, 1], "y and z")];
+        let nearest = [0, 1, 2].map(|axis| self.turn.column(axis).iamax());
+        let is_such = |(order, _): &&([usize; 3], &str)| self.is_mirrored() && *order == nearest;
+        AXES.iter().find(is_such).map(|(_, axes)| *axes)
+    }
+
     /// Angle between the axes of the body and those of the file; of a mirrored file, after it is mirrored back.
     pub(super) fn angle_deg(&self) -> f64 {
         let mirror = Matrix3::from_diagonal(&Vector3::new(if self.is_mirrored() { -1.0 } else { 1.0 }, 1.0, 1.0));

@@ -30,6 +30,13 @@ fn turned_files_are_told_as_such() {
             "{warning}"
         );
     }
+    for (axes, words) in [([0, 1], "x and y"), ([0, 2], "x and z"), ([1, 2], "y and z")] {
+        let mut turn = Matrix4::identity();
+        turn.swap_rows(axes[0], axes[1]);
+        let exchanged = named("a.nrrd", &moved(numbers.clone(), turn * numbers.index_to_world()));
+        let told = format!("the axes {words} seem to be exchanged (transpose the array");
+        assert!(exchanged.warnings[0].starts_with(&told), "{:?}", exchanged.warnings);
+    }
     // Sides in other words.
     let mut pair = torso(&[(1, "kidney_right"), (2, "kidney_left"), (3, "liver"), (4, "spleen")]);
     let turn = Matrix4::new_nonuniform_scaling(&[-1.0, 1.0, 1.0].into()) * pair.index_to_world();

@@ -22,8 +22,8 @@ fn real_files_say_what_they_said() {
             "dcmqi_liver_spine_seg.nrrd",
             &[
                 "2 labels without names may have the numbers of LiTS (1 liver, 2 liver_tumor) on weak evidence; those of FLARE21, FLARE22, CHAOS, \
-                 CT-ORG, TotalSegmentator liver_vessels fit as well; all stay without a name, as soft tissue: 1 liver or liver_vessels, 2 \
-                 liver_tumor or kidney or kidney_right or urinary_bladder: state volume.preset = \"lits\" if that is right, name the \
+                 CT-ORG, KiTS, TotalSegmentator liver_vessels fit as well; all stay without a name, as soft tissue: 1 liver or kidney or \
+                 liver_vessels, 2 liver_tumor or kidney or kidney_right or urinary_bladder or kidney_tumor: state volume.preset = \"lits\" if that is right, name the \
                  labels with --names FILE or volume.names, or write [[tissue]] with name and labels = [VALUE, ...]",
                 "no tissue known for labels 1, 2; taken as soft_tissue; to choose, name the labels with --names FILE or volume.names, or write \
                  [[tissue]] with name and labels = [VALUE, ...]",

@@ -84,7 +84,7 @@ fn real_anatomy_is_recognised_in_every_numbering() {
         let mut read = Segmentation::from(recoded(&real, numbering));
         let extents = Extents::of(&read.volume);
         read.read_values(&Naming::default(), None, &extents);
-        let thin = numbering.classes().len() < naming::ENOUGH;
+        let thin = numbering.classes().len() <= naming::ENOUGH;
         assert_eq!(
             preset(&read) == Some(numbering),
             !thin,
@@ -285,6 +285,36 @@ fn weak_evidence_warns_and_names_nothing() {
 }
 
 #[test]
+fn of_numberings_that_fit_as_well_totalsegmentator_is_proposed() {
+    let whole = numbered(Preset::TotalSegmentator);
+    let [columns, rows, slices] = whole.size();
+    let proposed = (0..columns).filter_map(|column| {
+        let voxels = whole.voxels().chunks(columns).map(|row| row[column]).collect();
+        let labels = whole
+            .labels()
+            .iter()
+            .map(|label| (label.value, 1))
+            .skip(1)
+            .collect::<Vec<_>>();
+        let plane = volume([1, rows, slices], voxels, &labels, 7.0);
+        let read = named("a.nrrd", &plane);
+        read.warnings
+            .into_iter()
+            .find(|warning| warning.contains("fit as well"))
+    });
+    let proposed: Vec<String> = proposed.collect();
+    assert!(!proposed.is_empty());
+    for warning in proposed {
+        let (by, others) = warning.split_once("; those of ").unwrap();
+        println!("{by} | {others}");
+        assert!(
+            !others.starts_with("TotalSegmentator,") && !others.starts_with("TotalSegmentator fit"),
+            "{warning}"
+        );
+    }
+}
+
+#[test]
 fn grey_levels_as_labels_stay_without_names() {
     let levels = [
         (63, "liver"),
@@ -309,6 +339,12 @@ fn grey_levels_as_labels_stay_without_names() {
         "{:?}",
         read.warnings
     );
+    // Kidneys with a tumour, in a file that says so.
+    let read = named("case_00012_kits.nii.gz", &torso(&[(1, "kidney"), (2, "gallbladder")]));
+    assert_eq!(names(&read), [(1, "kidney"), (2, "kidney_tumor")]);
+    // Near miss: lesions that nothing speaks for.
+    let read = named("a.nrrd", &torso(&[(1, "kidney"), (2, "gallbladder"), (3, "spleen")]));
+    assert!(!read.warnings[0].contains("KiTS"), "{:?}", read.warnings);
     // One label of a data set of kidneys, whose file says nothing.
     let read = named("kits.nii.gz", &torso(&[(1, "kidney")]));
     assert_eq!(names(&read), [(1, "-")]);

@@ -158,13 +158,21 @@ fn numbers_of_segments_are_labels() {
             let place = item(tags::IMAGE_POSITION_PATIENT, VR::DS, "0\\0\\0");
             sequence(&mut group, tags::PLANE_POSITION_SEQUENCE, vec![place]);
             sequence(object, tags::PER_FRAME_FUNCTIONAL_GROUPS_SEQUENCE, vec![group]);
-            put(object, tags::PIXEL_DATA, if bits == 8 { VR::OB } else { VR::OW }, numbers.clone());
+            put(
+                object,
+                tags::PIXEL_DATA,
+                if bits == 8 { VR::OB } else { VR::OW },
+                numbers.clone(),
+            );
         });
         loaded(&bytes).unwrap().volume
     };
     for volume in [
         map(8, vec![0_u8, 1, 2, 2, 5, 0, 0, 1].into()),
-        map(16, PrimitiveValue::U16([0_u16, 1, 2, 2, 5, 0, 0, 1].into_iter().collect())),
+        map(
+            16,
+            PrimitiveValue::U16([0_u16, 1, 2, 2, 5, 0, 0, 1].into_iter().collect()),
+        ),
     ] {
         assert_eq!(volume.voxels(), [0, 1, 2, 2, 3, 0, 0, 1]);
         let labels: Vec<_> = volume.labels()[1..]

@@ -222,6 +222,19 @@ fn a_heart_has_four_chambers_within_its_walls() {
 }
 
 #[test]
+fn organs_of_voxels_wider_than_their_structures_stay_in_one_piece() {
+    let fine = volume([12.0; 3], &["kidney_left"], |p| {
+        u8::from(p.component_div(&Vector3::new(3.5, 3.0, 5.5)).norm() < 1.0)
+    });
+    let scaling = Matrix4::new_scaling(14.0);
+    let coarse = LabelVolume::new(fine.size(), fine.voxels().to_vec(), fine.labels().to_vec(), scaling).unwrap();
+    let after = add(&coarse).unwrap();
+    assert_eq!(after.volume.voxels(), coarse.voxels());
+    let note = after.note.unwrap();
+    assert!(note.contains("too large for structures in kidney_left"), "{note}");
+}
+
+#[test]
 fn surroundings_are_the_deeper_the_nearer() {
     let one = volume([15.0; 3], &["kidney_left"], |p| u8::from(p.norm() < 1.0));
     let around = Organ::around(&one, |label| label == 1, 5.0).unwrap();
