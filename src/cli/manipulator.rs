@@ -210,6 +210,7 @@ fn guided(path: &Path, control: Option<Control>) -> Result<(GuideMotion, Vec<f64
     }
     let folder = path.parent().unwrap_or(Path::new(""));
     let (scene, guided) = file.resolve_guided(folder)?;
+    let guided = guided?;
     let times = file.guide_times().unwrap_or_else(|| {
         let keys = scene.needle_path().into_iter().flat_map(|path| path.tip().keys());
         keys.map(|key| key.time_s).collect()
@@ -357,21 +358,29 @@ impl Workspace {
             .check_ending([&self.output], "png", "pictures", &inputs(&self.scenario))?;
         let file = ScenarioFile::read(&self.scenario)?;
         let folder = self.scenario.parent().unwrap_or(Path::new(""));
+        let guide = file.guide()?;
         let (scene, guided) = file.resolve_guided(folder)?;
         scene.warnings.iter().for_each(terminal::warn);
         let mut settings = scene.settings.clone();
         // The needle would hide its path.
         settings.has_needle = false;
-        let start = guided.driven[0].time_s;
-        let state = FrameState::at(*scene.probe_path().at(start).probe_to_world());
+        let state = FrameState::at(*scene.probe_path().at(scene.probe_path().start_s()).probe_to_world());
         let mut chosen = self.backend.synthesizer(scene.anatomy.clone(), settings, None)?;
         let pixels = chosen.synth.render(&state)?.pixels.clone();
-        let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MAX_ROWS));
-        let path: Vec<[f64; 2]> = path.map(|driven| guided.guide.needle(&driven.command).tip_mm).collect();
+        let path = match &guided {
+            Ok(guided) => {
+                let path = guided.driven.iter().step_by(guided.driven.len().div_ceil(MAX_ROWS));
+                path.map(|driven| guide.needle(&driven.command).tip_mm).collect()
+            }
+            Err(error) => {
+                terminal::warn(&format!("the needle's motion is not drawn: {error}"));
+                Vec::new()
+            }
+        };
         let picture = overlay::workspace(
             &pixels,
             chosen.synth.tables(),
-            |posture| guided.guide.angles_deg(posture).is_some(),
+            |posture| guide.angles_deg(posture).is_some(),
             &path,
         );
         let (width, height) = (picture.width() as usize, picture.height() as usize);

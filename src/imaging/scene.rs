@@ -23,9 +23,11 @@ mod doubts;
 mod file;
 mod motion;
 pub mod paths;
+mod press;
 mod pulse;
 mod recording;
 mod resolve;
+mod stiffness;
 mod target;
 mod vary;
 

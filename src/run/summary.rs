@@ -540,7 +540,7 @@ impl<'a> Tally<'a> {
         if summary.max_dent_mm > MAX_DENT_MM {
             summary.warnings.push(format!(
                 "a surface gave way by {:.1} mm before it broke, which is far for skin or a capsule: check its `puncture_n`, the moduli \
-                 below it, and what spreads the force: `tissue.patch_mm`, in stiffening tissue the elements (`tissue.nodes`)",
+                 below it, and `tissue.patch_mm`, over which the force is spread",
                 summary.max_dent_mm
             ));
         }

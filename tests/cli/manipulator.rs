@@ -87,6 +87,19 @@ fn a_scenario_is_followed_and_drawn() {
         .run("manipulator workspace g.toml -o reach.png --backend cpu")
         .text();
     assert!(bench.files(".").contains(&"reach.png".to_owned()));
+    // A motion that is beyond the guide is no reason not to show what it reaches.
+    let (scene, _) = GUIDED.split_once("[[").unwrap();
+    let tips = [0, 4].map(|time| {
+        format!("[[needle.motion.keyframes]]\ntime_s = {time}\ntip_mm = [0, {time}, 9]\ndirection = [0, 1, 0]\n")
+    });
+    bench.write("beyond.toml", &(scene.to_owned() + &tips.concat()));
+    let beyond = bench.run("manipulator workspace beyond.toml -o beyond.png --backend cpu");
+    assert_eq!(beyond.text(), "");
+    assert!(beyond.stderr.contains("the needle's motion is not drawn"), "{beyond:?}");
+    assert!(bench.files(".").contains(&"beyond.png".to_owned()));
+    bench
+        .run("manipulator follow beyond.toml -o beyond")
+        .fails(2, &["at 0.000 s"]);
     bench.write(
         "none.toml",
         &GUIDED

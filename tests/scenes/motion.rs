@@ -909,6 +909,69 @@ fn breaths_that_cannot_be_meant_are_refused() {
     assert_eq!(error.key(), Some("motion.breathing.rate_per_min"));
 }
 
+/// A probe pressed into the abdomen goes as far as it is told, the skin with it; bone rests, and a gallbladder under it
+/// gets flatter. By the force that this takes it goes as far.
+#[test]
+fn a_pressed_probe_dents_the_skin_and_what_is_soft_below() {
+    let at_rest = resolve(&small("")).expect("scene");
+    let pressed = resolve(&small("[motion.press]\ndepth_mm = 8\n")).expect("scene");
+    assert_eq!(pressed.frames(), 1);
+    let way = pressed.probe_pose(0, 1).position_mm() - at_rest.probe_pose(0, 1).position_mm();
+    let along = at_rest.probe_pose(0, 1).axial().into_inner();
+    assert!((way - along * 8.0).norm() < 1e-9, "{way}");
+    let mut state = FrameState::at(Matrix4::identity());
+    pressed.state(0, 1, &mut state).expect("state");
+    let (mesh, nodes) = (
+        pressed.anatomy.mesh.as_ref().expect("mesh"),
+        state.nodes.expect("nodes"),
+    );
+    let ways: Vec<f64> = mesh
+        .nodes()
+        .iter()
+        .zip(&nodes)
+        .map(|(rest, node)| (Point3::from(*node) - Point3::from(*rest)).dot(&along))
+        .collect();
+    let farthest_mm = ways.iter().copied().fold(0.0, f64::max);
+    assert!((4.0..8.0 + 1e-6).contains(&farthest_mm), "{farthest_mm} mm");
+    for (corners, region) in mesh.elements().iter().zip(mesh.regions()) {
+        if pressed.anatomy.tissues.tissue(*region as u8).name == "bone" {
+            assert!(corners.iter().all(|node| ways[*node as usize] == 0.0));
+        }
+    }
+    let told = |scene: &Scene| {
+        let note = scene
+            .notes
+            .iter()
+            .find(|note| note.contains("the probe, pressed by"))
+            .expect("a note");
+        let numbers: Vec<f64> = note.split_whitespace().filter_map(|word| word.parse().ok()).collect();
+        (numbers[0], numbers[1])
+    };
+    let (depth_mm, force_n) = told(&pressed);
+    assert_eq!(depth_mm, 8.0);
+    let by_force = resolve(&small(&format!("[motion.press]\nforce_n = {force_n}\n"))).expect("scene");
+    assert!((told(&by_force).0 - 8.0).abs() < 0.3, "{:?}", told(&by_force));
+    for (text, key) in [
+        ("[motion.press]\n", "motion.press"),
+        ("[motion.press]\ndepth_mm = 8\nforce_n = 3\n", "motion.press"),
+        ("[motion.press]\ndepth_mm = 80\n", "motion.press.depth_mm"),
+        (
+            "[deform]\nmesh = \"m.vtu\"\n[motion.press]\ndepth_mm = 8\n",
+            "motion.press",
+        ),
+        (
+            "[probe]\nkind = \"trus-sagittal\"\n[motion.press]\ndepth_mm = 8\n",
+            "motion.press",
+        ),
+    ] {
+        assert_eq!(fault(&small(text)).key(), Some(key), "{text}");
+    }
+    assert_eq!(
+        fault(&small(&format!("{LINE}[motion.press]\ndepth_mm = 8\n"))).key(),
+        Some("motion.press")
+    );
+}
+
 #[test]
 fn arteries_of_a_patient_widen_with_every_beat() {
     let Some(path) = data("volumes/ts_example_seg_full.nii.gz") else {

@@ -11,10 +11,11 @@
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix3, Point3, Vector3};
+use nalgebra::{Matrix1, Point3, Vector1};
 
 use super::deform::Nodes;
 use super::paths::BreathingSpec;
+use super::stiffness::Stiffness;
 use super::target::Body;
 use insonify_base::text::some_of;
 use insonify_mesh::TetMesh;
@@ -27,9 +28,6 @@ const TRAVEL_MM: [(&str, f64); 4] = [("liver", 24.4), ("spleen", 24.4), ("pancre
 /// Longest travel of an organ, mm.
 pub(super) const LONGEST_MM: f64 = 100.0;
 
-/// Residual, over that of the prescribed values, at which Laplace's equation is solved.
-const TOLERANCE: f64 = 1e-8;
-const MAX_ITERATIONS: usize = 5000;
 /// Least volume of an element, over that at rest.
 const LEAST_VOLUME: f64 = 0.1;
 /// Rounds of freeing nodes, and rings of elements around a folded one that are searched for a node to free.
@@ -82,7 +80,7 @@ pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, he
         .iter()
         .map(|node| volume.label_index_at(&(*node).into()).unwrap_or(0))
         .collect();
-    let laplace = Laplace::new(mesh);
+    let laplace = Stiffness::laplace(mesh);
     let is_of_organ = |node: u32| travel_of.contains_key(&labels[node as usize]);
     let is_air = |node: u32| body.is_outside(labels[node as usize]);
     // Air that is beside organs is no air but tissue without labels.
@@ -152,11 +150,21 @@ pub(super) fn inspired(spec: &BreathingSpec, mesh: &TetMesh, body: &Body<'_>, he
 }
 
 /// Continues prescribed travels to all nodes, without a folded element.
-fn unfolded(mesh: &TetMesh, laplace: &Laplace, mut prescribed: Vec<Option<f64>>, rests: &[bool]) -> Vec<f64> {
+fn unfolded(mesh: &TetMesh, laplace: &Stiffness<1>, mut prescribed: Vec<Option<f64>>, rests: &[bool]) -> Vec<f64> {
     let at_rest: Vec<f64> = mesh.volumes(mesh.nodes()).collect();
     let mut travels = vec![0.0; prescribed.len()];
     for round in 0.. {
-        laplace.solve(&prescribed, &mut travels);
+        let pairs = prescribed.iter().zip(&travels);
+        let mut values: Vec<Vector1<f64>> = pairs.map(|(stated, mm)| Vector1::new(stated.unwrap_or(*mm))).collect();
+        let is_free = |stated: &Option<f64>| {
+            if stated.is_none() {
+                Matrix1::identity()
+            } else {
+                Matrix1::zeros()
+            }
+        };
+        laplace.solve(&prescribed.iter().map(is_free).collect::<Vec<_>>(), &mut values);
+        travels.iter_mut().zip(values).for_each(|(mm, value)| *mm = value.x);
         let pairs = mesh.nodes().iter().zip(&travels);
         let moved: Nodes = pairs.map(|(&[x, y, z], mm)| [x, y, z - mm]).collect();
         let volumes = mesh.volumes(&moved).zip(&at_rest).enumerate();
@@ -215,101 +223,6 @@ fn set_free(
     is_any_free
 }
 
-/// Laplace's equation on a mesh, by linear elements.
-struct Laplace {
-    /// Edges and their weights, in one order, so that sums are the same on all machines.
-    edges: Vec<([u32; 2], f64)>,
-    /// Sum of the weights at each node.
-    diagonal: Vec<f64>,
-}
-
-impl Laplace {
-    fn new(mesh: &TetMesh) -> Self {
-        let mut edges = Vec::with_capacity(6 * mesh.elements().len());
-        for corners in mesh.elements() {
-            let [origin, a, b, c] = corners.map(|node| Vector3::from(mesh.nodes()[node as usize]));
-            let sides = Matrix3::from_columns(&[a - origin, b - origin, c - origin]);
-            let Some(inverse) = sides.try_inverse() else { continue };
-            let volume_mm3 = sides.determinant().abs() / 6.0;
-            let [a, b, c] = [0, 1, 2].map(|row| inverse.row(row).transpose());
-            let gradients = [-(a + b + c), a, b, c];
-            for (first, &a) in corners.iter().enumerate() {
-                for (second, &b) in corners.iter().enumerate().skip(first + 1) {
-                    let weight = -volume_mm3 * gradients[first].dot(&gradients[second]);
-                    edges.push(([a.min(b), a.max(b)], weight));
-                }
-            }
-        }
-        edges.sort_by_key(|(edge, _)| *edge);
-        edges.dedup_by(|next, kept| {
-            let is_same = next.0 == kept.0;
-            if is_same {
-                kept.1 += next.1;
-            }
-            is_same
-        });
-        let mut diagonal = vec![0.0; mesh.nodes().len()];
-        for (edge, weight) in &edges {
-            edge.iter().for_each(|node| diagonal[*node as usize] += weight);
-        }
-        Self { edges, diagonal }
-    }
-
-    /// Sum of the weights at each free node times its value, less the weighted values of its neighbours.
-    fn apply(&self, values: &[f64], prescribed: &[Option<f64>], out: &mut Vec<f64>) {
-        out.clear();
-        out.extend(self.diagonal.iter().zip(values).map(|(weight, value)| weight * value));
-        for (edge, weight) in &self.edges {
-            let [a, b] = edge.map(|node| node as usize);
-            out[a] -= weight * values[b];
-            out[b] -= weight * values[a];
-        }
-        let pairs = out.iter_mut().zip(prescribed);
-        pairs
-            .filter(|(_, prescribed)| prescribed.is_some())
-            .for_each(|(out, _)| *out = 0.0);
-    }
-
-    /// Continues prescribed values to all nodes, by conjugate gradients from `values`. Nodes that no prescribed one is
-    /// joined to keep theirs.
-    fn solve(&self, prescribed: &[Option<f64>], values: &mut [f64]) {
-        let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
-        let divided = |residual: &[f64]| -> Vec<f64> {
-            let pairs = residual.iter().zip(&self.diagonal);
-            pairs
-                .map(|(residual, weight)| if *weight > 0.0 { residual / weight } else { 0.0 })
-                .collect()
-        };
-        let mut limit = 0.0;
-        for ((value, prescribed), weight) in values.iter_mut().zip(prescribed).zip(&self.diagonal) {
-            *value = prescribed.unwrap_or(*value);
-            limit += TOLERANCE * TOLERANCE * weight * prescribed.unwrap_or(0.0).powi(2);
-        }
-        let mut image = Vec::new();
-        self.apply(values, prescribed, &mut image);
-        let mut residual: Vec<f64> = image.iter().map(|value| -value).collect();
-        let mut direction = divided(&residual);
-        let mut energy = dot(&residual, &direction);
-        for _ in 0..MAX_ITERATIONS {
-            if energy <= limit {
-                break;
-            }
-            self.apply(&direction, prescribed, &mut image);
-            let step = energy / dot(&direction, &image);
-            for node in 0..values.len() {
-                values[node] += step * direction[node];
-                residual[node] -= step * image[node];
-            }
-            let next = divided(&residual);
-            let next_energy = dot(&residual, &next);
-            for (direction, next) in direction.iter_mut().zip(&next) {
-                *direction = next + next_energy / energy * *direction;
-            }
-            energy = next_energy;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -344,29 +257,12 @@ mod tests {
         TetMesh::lattice([3, 3, 12], &nalgebra::Matrix4::new_scaling(60.0)).expect("a mesh")
     }
 
-    /// Between a plane at rest and one that moves, the displacement is linear.
-    #[test]
-    fn displacements_are_harmonic_between_what_is_prescribed() {
-        let mesh = lattice();
-        let laplace = Laplace::new(&mesh);
-        let at_ends = |node: &[f64; 3]| (node[2] == 0.0 || node[2] == 60.0).then(|| node[2] / 3.0);
-        let prescribed: Vec<Option<f64>> = mesh.nodes().iter().map(at_ends).collect();
-        let mut values = vec![0.0; mesh.nodes().len()];
-        laplace.solve(&prescribed, &mut values);
-        for (node, value) in mesh.nodes().iter().zip(&values) {
-            assert!((value - node[2] / 3.0).abs() < 1e-5, "{node:?}: {value}");
-        }
-        let mut still = vec![0.0; mesh.nodes().len()];
-        laplace.solve(&vec![None; mesh.nodes().len()], &mut still);
-        assert!(still.iter().all(|value| *value == 0.0));
-    }
-
     /// An organ from 30 mm on that goes 24 mm towards a floor goes all of it, and one that would fold what is below
     /// goes free there; what rests does so in any case.
     #[test]
     fn no_element_folds_however_far_an_organ_goes() {
         let mesh = lattice();
-        let laplace = Laplace::new(&mesh);
+        let laplace = Stiffness::laplace(&mesh);
         let rests: Vec<bool> = mesh.nodes().iter().map(|node| node[2] == 0.0).collect();
         for (travel_mm, from_mm, is_whole) in [(24.0, 30.0, true), (24.0, 20.0, false), (50.0, 5.0, false)] {
             let at = |node: &[f64; 3]| match node[2] {

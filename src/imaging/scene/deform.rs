@@ -104,6 +104,17 @@ pub struct Motion {
 }
 
 impl Motion {
+    /// A motion of full amplitude at all times.
+    pub(super) fn constant(displacements: Nodes) -> Self {
+        let course = Course::Points(vec![[0.0, 1.0]]);
+        Self { displacements, course }
+    }
+
+    /// Number of elements that fold at its greatest amplitude.
+    pub(super) fn folded(&self, mesh: &TetMesh) -> usize {
+        most_folded(mesh, std::slice::from_ref(self))
+    }
+
     /// Amplitude at a time, s.
     pub fn at(&self, time_s: f64) -> f64 {
         self.course.at(time_s)
@@ -191,6 +202,7 @@ impl SceneFile {
         &self,
         body: &Body<'_>,
         base: &Path,
+        pressing: Option<(TetMesh, Motion)>,
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Option<Deformation>, InputError> {
@@ -198,7 +210,7 @@ impl SceneFile {
         let usual = DeformSpec::default();
         let spec = match &self.deform {
             Some(spec) => spec,
-            None if is_alive => &usual,
+            None if is_alive || pressing.is_some() => &usual,
             None => return Ok(None),
         };
         self.in_ranges("deform", spec)?;
@@ -208,12 +220,14 @@ impl SceneFile {
                 .map_err(|error| self.fault(format!("deform.field[{index}].{}", error.key), error))?;
         }
         let is_still = spec.field.is_empty() && spec.mesh.is_none();
-        if is_still && !is_alive {
+        if is_still && !is_alive && pressing.is_none() {
             return Err(self.wrong_keys("deform", "neither `field` nor `mesh`", "what deforms the tissue"));
         }
-        let (mesh, mut displacements) = match &spec.mesh {
-            None => (self.mesh_over(body.volume, spec)?, None),
-            Some(path) => self.mesh_file(&base.join(path), spec)?,
+        let (pressed, press) = pressing.unzip();
+        let (mesh, mut displacements) = match (pressed, &spec.mesh) {
+            (Some(mesh), _) => (mesh, None),
+            (None, None) => (self.mesh_over(body.volume, spec)?, None),
+            (None, Some(path)) => self.mesh_file(&base.join(path), spec)?,
         };
         let mut sum = displacements
             .take()
@@ -224,7 +238,7 @@ impl SceneFile {
                 *total = [0, 1, 2].map(|axis| total[axis] + by[axis]);
             }
         }
-        let mut motions = Vec::new();
+        let mut motions: Vec<Motion> = press.into_iter().collect();
         if !is_still {
             motions.push(Motion {
                 displacements: sum,

@@ -43,6 +43,24 @@ parameters! {
         /// Pulsation of arteries. Without it they are still.
         #[serde(skip_serializing_if = "Option::is_none")]
         pulse: Option<PulseSpec>;
+        /// The probe pressed into the skin, from its pose on. Without it the probe only touches the body.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        press: Option<PressSpec>;
+    }
+}
+
+parameters! {
+    /// Pressing of a probe at rest: its face dents the skin by linear elasticity. One of `depth_mm` and `force_n`.
+    pub struct PressSpec {
+        /// Way of the probe along its beam, from its pose on.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        depth_mm: Option<f64>, in 0..=50 "mm";
+        /// Force on the body, in place of a way.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        force_n: Option<f64>, above 0..=200 "N";
+        /// Width of the face across the image. Default 10.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        width_mm: Option<f64>, in 1..=100 "mm";
     }
 }
 

@@ -95,10 +95,8 @@ impl SceneFile {
             volume: &volume,
             tissues: &tissues,
         };
-        let deformation = self.deformation(&body, base_dir, &mut notes, &mut warnings)?;
-
         let mut pose_of_file = self.pose.clone();
-        let (probe, recorded, mut tracked) = match path {
+        let (mut probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
                 let pose = stage::during("placing the probe", || {
@@ -112,6 +110,18 @@ impl SceneFile {
                 (Trajectory::fixed(pose), false, None)
             }
         };
+        let at_rest = probe.at(probe.start_s());
+        let pressing = self.pressing(
+            &body,
+            (&at_rest, &framing.probe, &framing.grid),
+            &mut notes,
+            &mut warnings,
+        )?;
+        if let Some(pressing) = &pressing {
+            probe = Trajectory::fixed(pressing.pose);
+        }
+        let pressing = pressing.map(|pressing| (pressing.mesh, pressing.motion));
+        let deformation = self.deformation(&body, base_dir, pressing, &mut notes, &mut warnings)?;
         let mut file = Self {
             pose: pose_of_file,
             ..self.filled(&framing)
@@ -188,7 +198,8 @@ impl SceneFile {
         let (probe, recorded) = path.map_or((still, false), |path| (path.trajectory, path.recorded));
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), None);
         let is_alive = self.motion.as_ref().is_some_and(MotionSpec::is_alive);
-        (self.deform.is_none() && !is_alive).then(|| timeline.frames())
+        let presses = self.motion.as_ref().is_some_and(|motion| motion.press.is_some());
+        (self.deform.is_none() && !is_alive && !presses).then(|| timeline.frames())
     }
 
     /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.

@@ -6,7 +6,7 @@ use super::file::ScenarioFile;
 use super::path_pieces;
 use super::probe::Contact;
 use super::resolve::{Scenario, Timing};
-use super::tissue::{ColumnsName, DeviceName};
+use super::tissue::{ColumnsName, DeviceName, PATCH_MM};
 use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use insonify_base::document::InputError;
 use insonify_base::note::Notes;
@@ -108,7 +108,7 @@ impl ScenarioFile {
             precision,
             columns,
             contact_spacing_mm: spec.contact_spacing_mm.unwrap_or(1.0),
-            patch_mm: spec.patch_mm.unwrap_or(5.0),
+            patch_mm: spec.patch_mm.unwrap_or(PATCH_MM),
         })
     }
 

@@ -158,22 +158,20 @@ impl Scenario {
 }
 
 impl ScenarioFile {
-    /// The scene, and the motion of the guide, without tissue and mesh.
+    /// The scene, and the motion of the guide or why it cannot make that of the needle, without tissue and mesh.
     ///
     /// # Errors
     /// [`InputError`] with the key; also if the scenario has no `[manipulator]`.
-    pub fn resolve_guided(&self, base_dir: &Path) -> Result<(Scene, GuideMotion), InputError> {
+    pub fn resolve_guided(&self, base_dir: &Path) -> Result<(Scene, Result<GuideMotion, InputError>), InputError> {
         let needle = self.needle_settings()?;
         self.motion_key()?;
+        self.guide()?;
         let (scene, ..) = self.scene_with(&needle, base_dir)?;
         let path = scene.needle_path().map(|path| path.tip());
-        let guided = path.map_or(Ok(None), |path| self.guided(path, scene.probe_path()))?;
-        match guided {
-            Some(guided) => Ok((scene, guided)),
-            None => self
-                .guide()
-                .and_then(|_| Err(self.wrong_keys("needle", "a needle that does not move", "one that does"))),
-        }
+        let guided = path.map_or(Ok(None), |path| self.guided(path, scene.probe_path()));
+        let still = || self.wrong_keys("needle", "a needle that does not move", "one that does");
+        let guided = guided.and_then(|guided| guided.ok_or_else(still));
+        Ok((scene, guided))
     }
 
     /// Checked dimensions of the guide.

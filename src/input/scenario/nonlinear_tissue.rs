@@ -7,7 +7,7 @@ use nalgebra::{Point3, Unit, Vector3};
 
 use super::file::ScenarioFile;
 use super::resolve::Scenario;
-use super::tissue::TissueModel;
+use super::tissue::{PATCH_MM, TissueModel};
 use super::tissue_setup::{Deforming, Insertion, ResolvedTissue, TissueSetup};
 use crate::input::statics::SchemeName;
 use insonify_base::document::InputError;
@@ -66,6 +66,8 @@ pub struct NonlinearTissue {
     pub viscosity: Option<Viscosity>,
     /// Whether the stress of viscous tissue is followed.
     pub stress: bool,
+    /// Radius of the patch of tissue that bears the force at the tip, mm.
+    pub patch_mm: f64,
     /// Substep and solver options.
     pub options: NonlinearOptions,
 }
@@ -82,6 +84,7 @@ impl NonlinearTissue {
             shaft: scenario.needle.shaft(),
             viscosity: self.viscosity,
             stress: self.stress,
+            patch_mm: self.patch_mm,
             options: self.options,
         };
         let fault = |error: InvalidSetup| scenario.file.fault("tissue", error);
@@ -111,6 +114,7 @@ impl ScenarioFile {
             fixed: meshed.fixed.clone(),
             viscosity: creeps.then_some(Viscosity { order, memory }),
             stress: false,
+            patch_mm: self.tissue.patch_mm.unwrap_or(PATCH_MM),
             options: self.solver_options(),
         };
         Ok(meshed.modelled(TissueSetup::Nonlinear(tissue)))

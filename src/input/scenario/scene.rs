@@ -96,6 +96,11 @@ impl ScenarioFile {
             ("needle", file.needle.is_some(), by_scenario),
             ("deform", file.deform.is_some(), by_scenario),
             (
+                "motion.press",
+                motion.is_some_and(|motion| motion.press.is_some()),
+                "a scene without: in a scenario a `[contact_probe]` presses",
+            ),
+            (
                 "motion.breathing",
                 !is_remeshed && motion.is_some_and(|motion| motion.breathing.is_some()),
                 linear,

@@ -18,6 +18,9 @@ use insonify_mesh::file::Unit;
 /// Default number of nodes of a mesh made from the scene's volume: that of Goksel et al. 2011.
 pub const DEFAULT_NODES: u32 = 3300;
 
+/// Default radius of the patch of tissue that bears the force at the tip, mm.
+pub(super) const PATCH_MM: f64 = 5.0;
+
 parameters! {
     /// Model of tissue deformation.
     pub struct TissueSpec by TissueModel in model {
@@ -55,7 +58,7 @@ parameters! {
         contact_spacing_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
         /// Radius of the patch of tissue that bears the force at the tip, which the tip dents as a rigid punch of this
         /// radius would, in any mesh. Default 5.
-        patch_mm: Option<f64>, for FiniteElement, in 0.1..=100 "mm";
+        patch_mm: Option<f64>, for FiniteElement | Nonlinear | Viscoelastic, in 0.1..=100 "mm";
         /// Cylinder of masses and springs.
         cylinder: Option<MassSpringParameters>, for MassSpring;
         /// Solver for the steps.

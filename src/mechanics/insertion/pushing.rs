@@ -17,6 +17,9 @@
 //! nothing to cut. Whether the needle is held is decided at the end of a step, so that a force may exceed its bound by
 //! the change in one step.
 //!
+//! The force at the tip acts on a patch of tissue of a stated radius, as a flat rigid punch would: at a point the tissue
+//! would give way the more, the smaller its elements are.
+//!
 //! The position of the tip in the tissue follows from the displacements of the previous step: steps should be small
 //! against the elements.
 
@@ -67,6 +70,8 @@ pub struct Pushed {
 #[derive(Clone, Debug)]
 pub struct Pushing<const D: usize, const N: usize> {
     structure: Structure<D, N>,
+    /// Radius of the patch of tissue that bears the force at the tip, mm; 0: a point.
+    patch_mm: f64,
     line: Line<D>,
     layers: Vec<PathLayer>,
     state: At,
@@ -76,7 +81,7 @@ pub struct Pushing<const D: usize, const N: usize> {
 
 impl<const D: usize, const N: usize> Pushing<D, N> {
     /// Builds a needle whose tip is at `entry` (mm, on the surface of the body) and which moves along `direction`,
-    /// through `layers`. Prescribed displacements of the body stay 0.
+    /// through `layers`. Its tip acts at a point. Prescribed displacements of the body stay 0.
     ///
     /// # Errors
     /// [`InvalidSetup`], with the invalid number.
@@ -86,15 +91,17 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         direction: [f64; D],
         layers: Vec<PathLayer>,
     ) -> Result<Self, InvalidSetup> {
-        let mut needle = Pushing::away(structure);
+        let mut needle = Pushing::away(structure, 0.0);
         needle.aim(entry, direction, layers)?;
         Ok(needle)
     }
 
-    /// Builds a body without a needle until it is [aimed](Self::aim).
-    pub fn away(structure: Structure<D, N>) -> Self {
+    /// Builds a body without a needle until it is [aimed](Self::aim). The force at its tip acts on a patch of the radius
+    /// `patch_mm`, or at a point where that is 0.
+    pub fn away(structure: Structure<D, N>, patch_mm: f64) -> Self {
         let supports = structure.solver().supports();
         Pushing {
+            patch_mm,
             line: Line::empty(),
             layers: Vec::new(),
             state: At::default(),
@@ -111,7 +118,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
     /// [`InvalidSetup`]; the needle is then unchanged.
     pub fn aim(&mut self, entry: [f64; D], direction: [f64; D], layers: Vec<PathLayer>) -> Result<(), InvalidSetup> {
         check(&layers)?;
-        self.line = Line::new(self.body(), entry, direction)?;
+        self.line = Line::new(self.body(), entry, direction, self.patch_mm)?;
         self.layers = layers;
         self.state = At::before();
         Ok(())
@@ -217,6 +224,11 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             .along(self.structure.displacement())
     }
 
+    /// Returns the displacement across the line of the tissue at a depth, mm.
+    pub fn across(&self, depth_mm: f64) -> [f64; D] {
+        self.line.across(self.body(), depth_mm, self.structure.displacement())
+    }
+
     /// Returns the state of the needle and of the body, as [`Structure::export_state`] does.
     ///
     /// # Errors
@@ -253,7 +265,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         let mut next = self.advance(travel_mm);
         let contact = match next.phase {
             Phase::Held => Some(self.held(&next, travel_mm - self.state.travel_mm)),
-            Phase::Pushing(_) => Some(self.line.contact(self.body(), next.depth_mm, travel_mm - next.depth_mm)),
+            Phase::Pushing(_) => Some(self.line.tip(self.body(), next.depth_mm, travel_mm - next.depth_mm)),
             Phase::Free | Phase::Cutting(_) => None,
         };
         self.loads.fill(0.0);
@@ -270,7 +282,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         if let Phase::Cutting(layer) = next.phase {
             next.tip_n = self.layers[layer].cutting_n;
             self.line
-                .contact(self.body(), next.depth_mm, 0.0)
+                .tip(self.body(), next.depth_mm, 0.0)
                 .add(next.tip_n, &mut self.loads);
         }
         self.structure

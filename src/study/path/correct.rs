@@ -43,6 +43,9 @@ pub struct Corrected {
     pub miss_before_mm: f64,
     /// The same at the end of the corrected path, mm.
     pub miss_mm: f64,
+    /// Part of it across the image plane, in which a guide holds the needle, mm; `None` without a guide.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub miss_across_mm: Option<f64>,
     /// Displacement of the tissue at the tip at that end, along the needle and across it, mm.
     pub displacement_mm: [f64; 2],
     /// Turn of the line by the correction, degrees.
@@ -72,8 +75,12 @@ impl Corrected {
         let mut warnings = Vec::new();
         if self.miss_mm > tolerance_mm {
             warnings.push(format!(
-                "no line reaches the target within {tolerance_mm} mm: the best misses it by {:.2} mm after {} simulations",
-                self.miss_mm, self.runs
+                "no line reaches the target within {tolerance_mm} mm: the best misses it by {:.2} mm after {} simulations{}",
+                self.miss_mm,
+                self.runs,
+                self.miss_across_mm.map_or_else(String::new, |across_mm| format!(
+                    ", by {across_mm:.2} mm across the image plane, which the guide cannot change"
+                ))
             ));
         }
         if self.last.not_converged > 0 {
@@ -162,6 +169,7 @@ pub(super) fn correct(
         back_mm: course.back_mm,
         miss_before_mm,
         miss_mm,
+        miss_across_mm: end.and_then(|end| guide::across_mm(scenario, &end.miss)),
         displacement_mm: [forward, (displacement - course.along * forward).norm()],
         turn_deg: course.along.angle(&straight.along).to_degrees(),
         max_force_n: latest.max_force_n,

@@ -1,6 +1,6 @@
 //! Ranges of a needle guide on the probe as conditions of a path.
 
-use nalgebra::Point3;
+use nalgebra::{Point3, Vector3};
 
 use super::Candidate;
 use super::insertion::Course;
@@ -71,6 +71,13 @@ pub(super) fn aim(scenario: &Scenario, aim: Point3<f64>) -> Point3<f64> {
     let mut in_probe = probe.world_to_probe().transform_point(&aim);
     in_probe.z = 0.0;
     probe.probe_to_world().transform_point(&in_probe)
+}
+
+/// Part of a miss across the image plane, in which the guide holds the needle, mm; `None` without a guide.
+pub(super) fn across_mm(scenario: &Scenario, miss: &Vector3<f64>) -> Option<f64> {
+    guide(scenario)?;
+    let probe = scenario.scene.probe_path().at(scenario.timing.start_s);
+    Some(miss.dot(&probe.lateral().cross(&probe.axial())).abs())
 }
 
 /// Whether the scenario has a guide.

@@ -335,9 +335,12 @@ fn planned_and_inserted(shipped_scenario: &Shipped, coarse: bool) {
         let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
             .unwrap_or_else(|error| panic!("{name} {is_guided}: {error}"));
         let (line, path) = plan.best().unwrap();
+        // What tissue gives way across the image plane, a guide cannot follow.
+        let across_mm = path.miss_across_mm.unwrap_or(0.0);
+        let in_plane_mm = (path.miss_mm.powi(2) - across_mm.powi(2)).max(0.0).sqrt();
         assert!(
-            path.miss_mm <= options.tolerance_mm,
-            "{name} {is_guided}: {}",
+            in_plane_mm <= options.tolerance_mm && path.miss_across_mm.is_some() == is_guided,
+            "{name} {is_guided}: {} mm, {across_mm} mm across",
             path.miss_mm
         );
         assert_eq!(line.guide.is_some(), is_guided);

@@ -10,11 +10,13 @@
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
 //! | `image_lookup` | nearest voxel, trilinear look-up of a texture in isolation | trilinear in double precision |
 //! | `image_grain` | no grain, additive noise, developed speckle | Rayleigh statistics, requested correlation lengths |
+//! | `image_body` | nodes of the mesh on which a body breathes or is pressed | the finest mesh |
 //! | `image_location` | walk, grid, exhaustive search for the element of a sample | exhaustive search |
 //!
 //! Grey levels are compared in the scan-converted picture, inside the sector. A variant that is uniformly brighter or
 //! darker than its standard, or further from it than a coarser variant, is not a valid approximation and is flagged.
 
+mod body;
 mod grain;
 mod labels;
 mod sampling;
@@ -47,6 +49,8 @@ pub(crate) struct ImageOptions {
     pub coarsen: u32,
     /// Numbers of nodes of the meshes for point location.
     pub nodes: Vec<usize>,
+    /// Numbers of nodes of the meshes on which a body moves, the finest, which is the gold standard, first.
+    pub moving_nodes: Vec<usize>,
     /// Number of points located in each frame.
     pub points: usize,
     /// Time spent on each variant, with at least three frames.
@@ -65,6 +69,7 @@ impl ImageOptions {
             voxel_mm: effort.pick(2.0, 1.0),
             coarsen: effort.pick(2, 1),
             nodes: effort.pick(vec![1000], vec![1000, 5000, 20_000]),
+            moving_nodes: effort.pick(vec![4000, 1000], vec![40_000, 1000, 5000, 20_000]),
             points: effort.pick(300, 2000),
             patience: Duration::from_millis(effort.pick(120, 1200)),
             gpus: Vec::new(),
@@ -78,7 +83,7 @@ pub(crate) const ENTRY: Entry<ImageOptions> = Entry {
         name: "image",
         title: "Images",
         question: "What are the error, in grey levels, and the time of each way of rendering a frame? Grid of the beam, backends, labels, \
-                   sampling, texture, grain, point location.",
+                   sampling, texture, grain, moving bodies, point location.",
         help: "Imaging options: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends",
         examples: "\
 Each table has a gold standard, made in the same run, and says which:
@@ -89,6 +94,7 @@ Each table has a gold standard, made in the same run, and says which:
   sampling    samples of a shadow, scanlines of a blur, against the finest
   texture     trilinear look-ups or a constant echo, against double precision
   grain       no grain, additive noise or developed speckle, against the statistics of speckle
+  body        nodes of a mesh that breathes or is pressed, against the finest
   location    a walk from the last frame, a search grid or every element, against every element
 
 Errors are of grey levels (of 255) on the scan-converted picture, or mm. A row with a star is a best choice: no other of its kind
@@ -169,14 +175,15 @@ pub(crate) fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64)
             gpu.report().name
         ));
     }
-    let steps: [(&str, f64, Measure); 7] = [
+    let steps: [(&str, f64, Measure); 8] = [
         ("grids of the beam", 0.0, labels::grids),
         ("precisions and backends", 0.55, labels::backends),
         ("labels", 0.65, labels::labels),
         ("effects", 0.7, labels::effects),
         ("shadow and blur", 0.75, sampling::sampling),
         ("texture and grain", 0.85, grain::grains),
-        ("point location", 0.93, sampling::location),
+        ("moving bodies", 0.9, body::bodies),
+        ("point location", 0.95, sampling::location),
     ];
     let mut tables = Vec::new();
     for (step, share, measure) in steps {

@@ -12,6 +12,7 @@ use crate::tissue::law::AnyLaw;
 use crate::tissue::nonlinear::creep::{Creep, Memory};
 use crate::tissue::nonlinear::{NonlinearBody, Scheme, Sheet, Solid, Solver, SolverOptions, Structure, Supports};
 use crate::tissue::viscoelastic::{Rule, Span};
+use insonify_base::range::OutOfRange;
 use insonify_mesh::TetMesh;
 
 /// Options for the subdivision and solution of steps.
@@ -92,6 +93,8 @@ pub struct NonlinearSetup {
     pub anatomy: Option<Arc<dyn Anatomy>>,
     /// The needle, which is rigid.
     pub shaft: Shaft,
+    /// Radius of the patch of tissue that bears the force at the tip, mm (0 or more; 0: a point).
+    pub patch_mm: f64,
     /// Viscosity of all tissue; `None` for elastic tissue.
     pub viscosity: Option<Viscosity>,
     /// Whether the stress of viscous tissue is followed: see
@@ -147,6 +150,9 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         validation::interactions(&setup.mesh, &setup.interactions)?;
         setup.shaft.check()?;
         validation::size(&setup.mesh, setup.shaft.radius_mm)?;
+        if !(setup.patch_mm.is_finite() && setup.patch_mm >= 0.0) {
+            return Err(OutOfRange::new("patch_mm", setup.patch_mm, "a finite number, 0 or more").into());
+        }
         validation::above_zero(&[
             ("part_mm", options.part_mm),
             ("most_parts", options.most_parts as f64),
@@ -154,8 +160,9 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         ])?;
         // A saved state is taken back only by a model of this name: everything that the state depends on is in it.
         let name = format!(
-            "{nodes} nodes, {:?}, {:?}, {}",
+            "{nodes} nodes, {:?}, patch {:?} mm, {:?}, {}",
             setup.shaft,
+            setup.patch_mm,
             setup.viscosity,
             options.fingerprint()
         );
@@ -188,7 +195,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
             shaft: setup.shaft,
             options,
             name,
-            needle: Pushing::away(structure),
+            needle: Pushing::away(structure, setup.patch_mm),
             axis: None,
             steps: 0,
             time_s: 0.0,

@@ -53,6 +53,7 @@ fn setup(viscosity: Option<Viscosity>) -> NonlinearSetup {
             length_mm: 60.0,
             radius_mm: 0.5,
         },
+        patch_mm: 0.0,
         viscosity,
         stress: false,
         options: NonlinearOptions::default(),
@@ -483,4 +484,54 @@ fn forces_along_the_needle_and_stress_are_known() {
     let saved = model.save();
     model.restore(&saved).unwrap();
     assert!(model.stress_kpa().is_none());
+}
+
+/// Until it breaks, an even half-space of 10 kPa gives way to a needle as to a rigid punch of the radius of the patch,
+/// F (1 - nu^2) / (2 a E), in coarse meshes and in fine ones; a point, without a patch, the farther the finer they are.
+#[test]
+fn a_surface_gives_way_as_under_a_punch_in_any_mesh() {
+    const BREAKS_N: f64 = 0.3;
+    let (young_kpa, poisson, patch_mm) = (10.0, 0.3, 5.0);
+    let dent_mm = |nodes: usize, patch_mm: f64| {
+        let (low, high) = ([-40.0, -40.0, 0.0], [40.0, 40.0, 60.0]);
+        let mesh = TetMesh::over_box(low, high, nodes).unwrap();
+        let law = Stiffening::linear(Material::new(young_kpa, poisson).unwrap());
+        let is_far = |node: &[f64; 3]| node[2] == high[2] || node[0].abs() == high[0] || node[1].abs() == high[1];
+        let fixed = (0u32..).zip(mesh.nodes()).filter(|(_, node)| is_far(node));
+        let tissue = Interaction {
+            puncture_n: BREAKS_N,
+            ..Interaction::default()
+        };
+        let mut model = Nonlinear::new(NonlinearSetup {
+            laws: vec![law.into(); mesh.elements().len()],
+            interactions: vec![(mesh.regions()[0], tissue)],
+            fixed: fixed.flat_map(|(node, _)| [0, 1, 2].map(|axis| (node, axis))).collect(),
+            mesh: Arc::new(mesh),
+            patch_mm,
+            ..setup(None)
+        })
+        .unwrap();
+        let mut before = (0.0, 0.0);
+        for step in 1..200 {
+            let travel = 0.25 * f64::from(step);
+            let base = Isometry3::translation(0.7, 0.3, travel - 60.0);
+            let force = model
+                .step(&Instruments { base, ..at(0.0, 0.0) }, 0.05)
+                .unwrap()
+                .on_hand
+                .force_n
+                .norm();
+            if force >= BREAKS_N {
+                return before.0 + (travel - before.0) * (BREAKS_N - before.1) / (force - before.1);
+            }
+            before = (travel, force);
+        }
+        f64::NAN
+    };
+    let punch_mm = 1e3 * BREAKS_N * (1.0 - poisson * poisson) / (2.0 * patch_mm * young_kpa);
+    for nodes in [1000, 4000, 10000] {
+        let dent = dent_mm(nodes, patch_mm);
+        println!("{nodes}: {dent} mm for {punch_mm}, at a point {}", dent_mm(nodes, 0.0));
+        assert!((dent / punch_mm - 1.0).abs() < 0.1, "{nodes}: {dent} mm for {punch_mm}");
+    }
 }

@@ -1,6 +1,11 @@
 //! Line through a body, the points of the body on it, and the layers along it.
 
+use std::f64::consts::PI;
+
+use nalgebra::Vector3;
+
 use crate::insertion::{InvalidSetup, Peak};
+use crate::needle::across;
 use crate::tissue::nonlinear::{Contact, NonlinearBody};
 use insonify_base::range::{OutOfRange, Ranges};
 
@@ -69,12 +74,21 @@ const OUTSIDE: f64 = 1e-9;
 /// Tolerance of the barycentric coordinates of elements that the line may pass: larger than [`OUTSIDE`].
 const BESIDE: f64 = 1e-6;
 
+/// Rings of points that represent the patch of the tip in a solid, and points of each.
+const RINGS: usize = 8;
+const OF_RING: usize = 24;
+
 #[derive(Clone, Debug)]
 pub(super) struct Line<const D: usize> {
     entry: [f64; D],
     direction: [f64; D],
     /// Elements on or along the line, ascending.
     elements: Vec<u32>,
+    /// Points of the surface that the patch of the tip enters by: lines through them beside this one meet the tissue that
+    /// bears the force at the tip. None: it acts at a point.
+    patch: Vec<[f64; D]>,
+    /// Elements that the patch passes.
+    beside: Vec<u32>,
     /// Midpoints of the pieces of the shaft.
     points: Vec<Contact>,
     length: f64,
@@ -130,15 +144,19 @@ impl<const D: usize> Line<D> {
             entry: [0.0; D],
             direction: [0.0; D],
             elements: Vec::new(),
+            patch: Vec::new(),
+            beside: Vec::new(),
             points: Vec::new(),
             length: 0.0,
         }
     }
 
+    /// `patch_mm` is the radius of the patch of the tip, 0 for a point.
     pub(super) fn new<const N: usize>(
         body: &NonlinearBody<D, N>,
         entry: [f64; D],
         direction: [f64; D],
+        patch_mm: f64,
     ) -> Result<Self, InvalidSetup> {
         let norm = direction.iter().map(|x| x * x).sum::<f64>().sqrt();
         if !(norm.is_finite() && norm > 0.0) {
@@ -152,6 +170,8 @@ impl<const D: usize> Line<D> {
             entry,
             direction,
             elements: crossed.iter().map(|crossing| crossing.element).collect(),
+            patch: Vec::new(),
+            beside: Vec::new(),
             points: Vec::new(),
             length: 0.0,
         };
@@ -163,7 +183,68 @@ impl<const D: usize> Line<D> {
             line.points.push(line.contact(body, line.length + 0.5 * PIECE_MM, 0.0));
             line.length += PIECE_MM;
         }
+        if patch_mm > 0.0 {
+            line.spread(body, patch_mm);
+        }
         Ok(line)
+    }
+
+    /// Spreads the tip over a patch, with the pressure of a flat rigid punch: the tissue under it gives way evenly.
+    fn spread<const N: usize>(&mut self, body: &NonlinearBody<D, N>, patch_mm: f64) {
+        for offset in offsets(&self.direction)
+            .into_iter()
+            .map(|offset| offset.map(|x| x * patch_mm))
+        {
+            let origin: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + offset[axis]);
+            // The surface nearest to the plane through the entry.
+            let crossed = crossings(body, &origin, &self.direction);
+            let is_entry = |crossing: &&Crossing| {
+                let meets =
+                    |other: &Crossing| other.from_mm < crossing.from_mm && other.to_mm > crossing.from_mm - BESIDE;
+                !crossed.iter().any(meets)
+            };
+            let entries = crossed.iter().filter(is_entry).map(|crossing| crossing.from_mm);
+            if let Some(from_mm) = entries.min_by(|a, b| a.abs().total_cmp(&b.abs())) {
+                self.patch.push(std::array::from_fn(|axis| {
+                    origin[axis] + from_mm * self.direction[axis]
+                }));
+                self.beside.extend(crossed.iter().map(|crossing| crossing.element));
+            }
+        }
+        self.beside.sort_unstable();
+        self.beside.dedup();
+    }
+
+    /// Returns the tissue that bears the force at a tip at a depth, constrained to a displacement along the line: its
+    /// patch lies as the surface does.
+    pub(super) fn tip<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64, place_mm: f64) -> Contact {
+        let mut contact = Contact {
+            weights: Vec::new(),
+            place_mm,
+        };
+        let mut points = 0.0;
+        for start in &self.patch {
+            let point: [f64; D] = std::array::from_fn(|axis| start[axis] + depth * self.direction[axis]);
+            if let Some((element, least, weights)) = nearest(body, &self.beside, &point)
+                && least > -BESIDE
+            {
+                self.weigh(body, element, &weights, &mut contact);
+                points += 1.0;
+            }
+        }
+        if points == 0.0 {
+            return self.contact(body, depth, place_mm);
+        }
+        contact.weights.sort_by_key(|(dof, _)| *dof);
+        contact.weights.dedup_by(|next, kept| {
+            let is_same = next.0 == kept.0;
+            if is_same {
+                kept.1 += next.1;
+            }
+            is_same
+        });
+        contact.weights.iter_mut().for_each(|(_, weight)| *weight /= points);
+        contact
     }
 
     /// Returns the elements that the line passes through or along.
@@ -179,23 +260,50 @@ impl<const D: usize> Line<D> {
     /// Returns the point at a depth, constrained to a displacement along the line; without weights where there is no
     /// body.
     pub(super) fn contact<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64, place_mm: f64) -> Contact {
-        let mut entries = Vec::with_capacity(D * N);
+        let mut contact = Contact {
+            weights: Vec::with_capacity(D * N),
+            place_mm,
+        };
         if let Some((element, _, weights)) = self.find(body, depth) {
-            for (node, weight) in body.elements()[element].iter().zip(weights) {
-                for (axis, component) in self
-                    .direction
-                    .iter()
-                    .enumerate()
-                    .filter(|(_, component)| **component != 0.0)
-                {
-                    entries.push((D as u32 * node + axis as u32, weight * component));
-                }
+            self.weigh(body, element, &weights, &mut contact);
+        }
+        contact
+    }
+
+    /// Adds the displacement along the line of a point of an element to that of a contact.
+    fn weigh<const N: usize>(
+        &self,
+        body: &NonlinearBody<D, N>,
+        element: usize,
+        weights: &[f64; N],
+        contact: &mut Contact,
+    ) {
+        for (node, weight) in body.elements()[element].iter().zip(weights) {
+            let components = self.direction.iter().enumerate();
+            for (axis, component) in components.filter(|(_, component)| **component != 0.0) {
+                contact
+                    .weights
+                    .push((D as u32 * node + axis as u32, weight * component));
             }
         }
-        Contact {
-            weights: entries,
-            place_mm,
+    }
+
+    /// Returns the displacement of the tissue at a depth across the line, mm; `displacement` is that of all nodes.
+    pub(super) fn across<const N: usize>(
+        &self,
+        body: &NonlinearBody<D, N>,
+        depth: f64,
+        displacement: &[f64],
+    ) -> [f64; D] {
+        let mut sum = [0.0; D];
+        if let Some((element, _, weights)) = self.find(body, depth) {
+            for (node, weight) in body.elements()[element].iter().zip(weights) {
+                let first = D * *node as usize;
+                (0..D).for_each(|axis| sum[axis] += weight * displacement[first + axis]);
+            }
         }
+        let along: f64 = sum.iter().zip(&self.direction).map(|(a, b)| a * b).sum();
+        std::array::from_fn(|axis| sum[axis] - along * self.direction[axis])
     }
 
     /// Returns the points that represent the shaft down to a depth, with the start and end of their pieces.
@@ -212,18 +320,59 @@ impl<const D: usize> Line<D> {
         self.find(body, depth).map_or(f64::NEG_INFINITY, |(_, least, _)| least)
     }
 
-    /// Finds the element that contains the point, or is nearest to it: that with the largest least barycentric
-    /// coordinate.
+    /// Finds the element on the line that contains the point at a depth, or is nearest to it.
     fn find<const N: usize>(&self, body: &NonlinearBody<D, N>, depth: f64) -> Option<(usize, f64, [f64; N])> {
         let point: [f64; D] = std::array::from_fn(|axis| self.entry[axis] + depth * self.direction[axis]);
-        let mut best: Option<(usize, f64, [f64; N])> = None;
-        for &element in &self.elements {
-            let weights = body.barycentric(element as usize, &point);
-            let least = weights.iter().fold(f64::INFINITY, |a: f64, b| a.min(*b));
-            if best.is_none_or(|(_, best_weight, _)| least > best_weight) {
-                best = Some((element as usize, least, weights));
+        nearest(body, &self.elements, &point)
+    }
+}
+
+/// Returns the element among some that contains a point, or is nearest to it: that with the largest least barycentric
+/// coordinate, which comes with it.
+fn nearest<const D: usize, const N: usize>(
+    body: &NonlinearBody<D, N>,
+    elements: &[u32],
+    point: &[f64; D],
+) -> Option<(usize, f64, [f64; N])> {
+    let mut best: Option<(usize, f64, [f64; N])> = None;
+    for &element in elements {
+        let weights = body.barycentric(element as usize, point);
+        let least = weights.iter().fold(f64::INFINITY, |a: f64, b| a.min(*b));
+        if best.is_none_or(|(_, best_weight, _)| least > best_weight) {
+            best = Some((element as usize, least, weights));
+        }
+    }
+    best
+}
+
+/// Returns points across a line, of equal force under a flat rigid punch of radius 1: its pressure grows towards its edge
+/// as 1 / sqrt(1 - r^2), of a strip in a plane and of a disk (Johnson 1985, "Contact Mechanics", sections 2.8 and 3.4).
+fn offsets<const D: usize>(direction: &[f64; D]) -> Vec<[f64; D]> {
+    let along = Vector3::from_fn(|axis, _| direction.get(axis).copied().unwrap_or(0.0));
+    let [first, second] = if D == 2 {
+        [Vector3::new(-along.y, along.x, 0.0), Vector3::zeros()]
+    } else {
+        across(&along)
+    };
+    let mut points = Vec::new();
+    if D == 2 {
+        for index in 0..OF_RING {
+            let quantile = (index as f64 + 0.5) / OF_RING as f64;
+            points.push(first * (PI * (quantile - 0.5)).sin());
+        }
+    } else {
+        for ring in 0..RINGS {
+            let inside = (ring as f64 + 0.5) / RINGS as f64;
+            let radius = (1.0 - (1.0 - inside).powi(2)).sqrt();
+            for index in 0..OF_RING {
+                // Rings are turned against each other.
+                let (sin, cos) = (2.0 * PI * (index as f64 + 0.5 * (ring % 2) as f64) / OF_RING as f64).sin_cos();
+                points.push((first * cos + second * sin) * radius);
             }
         }
-        best
     }
+    points
+        .iter()
+        .map(|point| std::array::from_fn(|axis| point[axis]))
+        .collect()
 }

@@ -182,7 +182,7 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
         let cut_mm = self.held_cut_mm(next);
         let [friction, _] = self.friction_n(next.depth_mm, cut_mm);
         let scale = 1.0 / (tip + friction);
-        let tip = (self.line.contact(self.body(), next.depth_mm, 0.0), tip);
+        let tip = (self.line.tip(self.body(), next.depth_mm, 0.0), tip);
         let shaft = self
             .frictions(next.depth_mm, cut_mm)
             .map(|(point, force, _)| (point, force));

@@ -84,6 +84,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         voxel_mm: 4.0,
         coarsen: 4,
         nodes: vec![200],
+        moving_nodes: vec![4000, 1000],
         points: 60,
         patience: Duration::ZERO,
         gpus: Vec::new(),
@@ -105,6 +106,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_texture", 2),
         ("image_lookup", 6),
         ("image_grain", 3),
+        ("image_body", 2),
         ("image_location", 3),
     ];
     assert_eq!(rows, expected);
