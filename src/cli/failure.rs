@@ -62,9 +62,9 @@ impl Blame for Failure {
     fn help(&self) -> Option<&str> {
         match self {
             Self::Usage { help, .. } => Some(help),
-            Self::OverTime(_) => {
-                Some("nothing unfinished is left; give more time (--time-limit-s), or the run less to do")
-            }
+            Self::OverTime(_) => Some(
+                "what is unfinished is gone, but for whole frames with --resume; give more time (--time-limit-s), or the run less to do",
+            ),
             _ => None,
         }
     }

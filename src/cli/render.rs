@@ -132,6 +132,7 @@ struct PassReport {
 impl Render {
     pub(crate) fn run(&self) -> Result<(), Error> {
         self.backend.check()?;
+        self.extras.check_options()?;
         read::record();
         if let Some(file) = self.output.as_deref().filter(|path| Target::is_file(path)) {
             self.force.check(&[file], &self.input.files())?;

@@ -55,7 +55,7 @@ const BODY_NAMES: [&str; 8] = [
     "phantom_inclusion",
 ];
 /// Values of fat, soft tissue and skin, which mark an explicit body where labels have no names.
-const BODY_VALUES: [i64; 3] = [201, 202, 204];
+pub(super) const BODY_VALUES: [i64; 3] = [201, 202, 204];
 /// Minimum fraction of the labelled voxels with these three values in a body.
 const BODY_SHARE: f64 = 1.0 / 3.0;
 

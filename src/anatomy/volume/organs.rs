@@ -1,6 +1,7 @@
 //! Organs behind labels that are not of the file: vessels and other structures of organs, gas that a CT shows,
 //! the body that completion closes.
 
+use super::complete::BODY_VALUES;
 use super::{LabelVolume, VolumeError};
 use crate::acoustics;
 use insonify_base::document::plain;
@@ -19,6 +20,15 @@ impl LabelVolume {
     pub fn organ(&self, label_index: usize) -> i64 {
         let label = self.labels.get(label_index).map_or(0, |label| label.value);
         self.drawn_into(label_index).unwrap_or(label)
+    }
+
+    /// Whether the file itself holds a completed body, as `--save-labels` writes it: what lies behind the structures in it
+    /// is not known.
+    pub fn is_of_saved_body(&self) -> bool {
+        let is_of_file = |index: usize| self.labels[index].voxels > 0 && self.drawn_into(index).is_none();
+        let holds =
+            |value: &i64| (1..self.labels.len()).any(|index| self.labels[index].value == *value && is_of_file(index));
+        BODY_VALUES.iter().all(holds)
     }
 
     /// Side of the patient, `left` or `right`, that the name of a label or of the organ that it was drawn into states.

@@ -80,6 +80,11 @@ impl Setting {
         &self.option
     }
 
+    /// Whether it gives this key a value.
+    pub fn states(&self, key: &str) -> bool {
+        self.kept.is_none() && self.path.join(".") == key
+    }
+
     /// Whether the key is this one, or lies below it or above.
     pub fn concerns(&self, key: &str) -> bool {
         self.path.iter().zip(key.split('.')).all(|(part, other)| part == other)

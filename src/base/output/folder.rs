@@ -377,7 +377,11 @@ fn differences(found: &Value, wanted: &Value) -> Option<String> {
             }
             (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
                 let pairs = a.iter().zip(b).enumerate().rev();
-                open.extend(pairs.map(|(index, (a, b))| (format!("{path}[{index}]"), a, b)));
+                open.extend(pairs.map(|(index, (a, b))| {
+                    // A file is named by its path.
+                    let name = a.get("path").map_or_else(|| index.to_string(), |path| path.to_string());
+                    (format!("{path}[{name}]"), a, b)
+                }));
             }
             _ if found == wanted => {}
             _ => {

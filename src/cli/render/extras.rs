@@ -44,6 +44,20 @@ fn layer_names() -> PossibleValuesParser {
 }
 
 impl Extras {
+    /// Checks options that exclude each other.
+    ///
+    /// # Errors
+    /// A usage error.
+    pub(crate) fn check_options(&self) -> Result<(), Error> {
+        if self.overlay && !self.names.is_empty() {
+            return Err(usage(
+                "--overlay with --layers: scale and marks are drawn over the pixels that the layers describe",
+                "make the frames for human readers in a run of their own",
+            ));
+        }
+        Ok(())
+    }
+
     /// Requested layers, each once.
     pub(crate) fn layers(&self) -> Vec<Layer> {
         let mut layers = Vec::new();
@@ -63,11 +77,11 @@ impl Extras {
                  as it had before, are the layer `label-index`",
             );
         }
-        if self.overlay && !self.names.is_empty() {
-            return Err(usage(
-                "--overlay with --layers: scale and marks are drawn over the pixels that the layers describe",
-                "make the frames for human readers in a run of their own",
-            ));
+        if self.layers().contains(&Layer::Organ) && scene.anatomy.volume.is_of_saved_body() {
+            terminal::warn(
+                "the layer `organ` has what the label file holds, and this one was written by --save-labels, with structures \
+                 drawn over organs (values 200 to 213): for masks of whole organs give the original labels",
+            );
         }
         let of_values = |layer: &Layer| matches!(layer, Layer::LabelValue | Layer::Organ);
         match (

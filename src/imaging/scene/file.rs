@@ -215,7 +215,8 @@ pose_table! {
     #[derive(Default)]
     pub struct PoseTable {
         /// Target under the probe: the name of a label, a tissue or a TotalSegmentator class, a part of one such as
-        /// `kidney` (the largest matching label counts), or a label value.
+        /// `kidney` (the largest matching label counts), or a label value. Beside a path in `[motion]` it is what the
+        /// manifest of frames is to tell of.
         #[serde(default, skip_serializing_if = "Option::is_none")]
         target: Option<String>;
         /// Orientation of the scan plane of an automatically placed probe. Default: the one that shows more.
@@ -231,6 +232,15 @@ impl PoseTable {
     /// Returns the pose keys, in LPS.
     pub fn pose(&self) -> PoseSpec {
         PoseSpec::from(self).in_lps(self.world.unwrap_or_default())
+    }
+
+    /// Whether the table has a say in where the probe is, rather than only naming a target.
+    pub(crate) fn places(&self) -> bool {
+        let other = Self {
+            target: None,
+            ..self.clone()
+        };
+        other != Self::default()
     }
 
     /// Whether the table states the pose itself, rather than a change to a pose determined otherwise.

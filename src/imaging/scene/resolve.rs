@@ -67,9 +67,13 @@ impl SceneFile {
         let plus = self.plus_config(base_dir)?;
         let mut framing = self.framing(plus.as_ref(), &mut notes, &mut warnings)?;
         let path = self.probe_path(base_dir, plus.as_ref(), &mut notes, &mut warnings)?;
-        if path.is_some() && self.pose.is_some() {
+        if path.is_some() && self.pose.as_ref().is_some_and(PoseTable::places) {
             let found = "both `[pose]` and a path in `[motion]`";
-            return Err(self.wrong_keys("pose", found, "one of them"));
+            return Err(self.wrong_keys(
+                "pose",
+                found,
+                "one of them, or `pose.target` alone: what the path is to show",
+            ));
         }
         let columns = path.as_ref().map_or(&[][..], |path| &path.columns);
         let variation = self.variation(columns, plus.clone(), path.is_none())?;
@@ -95,6 +99,10 @@ impl SceneFile {
             volume: &volume,
             tissues: &tissues,
         };
+        if let (Some(_), Some(target)) = (&path, self.pose.as_ref().and_then(|pose| pose.target.as_ref())) {
+            body.named(target)
+                .ok_or_else(|| self.no_target(target, &body, &warnings))?;
+        }
         let mut pose_of_file = self.pose.clone();
         let (mut probe, recorded, mut tracked) = match path {
             Some(path) => (path.trajectory, path.recorded, path.recording),

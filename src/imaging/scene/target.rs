@@ -121,7 +121,7 @@ impl SceneFile {
     }
 
     /// Error about a target that matches no label, with the most similar labels and the warnings about labels.
-    fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
+    pub(super) fn no_target(&self, target: &str, body: &Body<'_>, warnings: &[String]) -> InputError {
         let entries = body.entries().into_iter();
         let (present, empty): (Vec<_>, Vec<_>) = entries.partition(|entry| body.volume.holds(usize::from(entry.0)));
         let is_empty = !Names::new(empty).all(&RegionName::Name(target.to_owned())).is_empty();
@@ -193,7 +193,22 @@ impl SceneFile {
             is_body: &|label| !body.is_outside(label),
             is_bone_or_gas: &|label| body.hides(label),
         };
-        match place(body.volume, &[label], &meaning, &options) {
+        let mut placed = place(body.volume, &[label], &meaning, &options);
+        let usual = PlacementOptions {
+            depth_mm: probe.shape.kind().usual().depth_mm,
+            ..options
+        };
+        // Too deep for a stated depth: it is better shown where it lies than nowhere.
+        if let (Err(_), true) = (&placed, options.depth_mm < usual.depth_mm)
+            && let Ok(deeper) = place(body.volume, &[label], &meaning, &usual)
+        {
+            warnings.push(format!(
+                "{name} is nowhere within {} mm of the skin in sight: under the probe it begins at {:.0} mm",
+                options.depth_mm, deeper.target_depth_mm
+            ));
+            placed = Ok(deeper);
+        }
+        match placed {
             Ok(placement) => {
                 let position = if probe.shape.kind().site() == Site::Lumen {
                     "in"

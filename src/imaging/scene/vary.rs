@@ -14,6 +14,7 @@ use super::check::Framing;
 use super::file::{PoseTable, SceneFile};
 use super::target::Body;
 use crate::effects::EffectsTable;
+use crate::effects::table::Stated;
 use crate::synth::tables::{FrameSettings, Settings};
 use insonify_anatomy::acoustics::{TissueOverride, TissueTable, presets};
 use insonify_anatomy::volume::LabelVolume;
@@ -353,7 +354,17 @@ impl SceneFile {
         if variation.parameters.iter().any(|other| other.path == *path) {
             return Err(fault(0, format!("`{path}` twice; expected one column or range of it")));
         }
+        let mut settings = self.source.iter().flat_map(|source| source.settings());
+        if settings.any(|setting| setting.states(path)) {
+            let why = format!(
+                "`{path}` differs from frame to frame, and an option states it for all; expected one of the two"
+            );
+            return Err(fault(0, why));
+        }
         let mut doubts = Vec::new();
+        if path.starts_with("effects.needle.") && self.needle.is_none() {
+            doubts.push(format!("`{path}` changes nothing: the scene has no needle"));
+        }
         for (index, value) in extremes.iter().enumerate() {
             let alone = Parameters::from([(path.clone(), value.clone())]);
             let checked = variation.with(&alone).and_then(|file| {
@@ -365,6 +376,18 @@ impl SceneFile {
                 Ok(())
             });
             checked.map_err(|error| fault(index, error.cause().to_string()))?;
+        }
+        let has_textures = self
+            .effects
+            .as_ref()
+            .is_none_or(|effects| effects.texture != Some(Stated::Switch(false)));
+        let lower = |value: &Value| value.as_u64().map(|seed| seed & u64::from(u32::MAX));
+        if path == "seed" && has_textures && extremes.iter().any(|value| lower(value) != lower(&extremes[0])) {
+            doubts.push(
+                "solid textures are made anew for each frame, which takes many times as long as the frame: they follow from \
+                 the lower 32 bits of `seed` (seeds that are multiples of 4294967296 change grain and noise alone)"
+                    .to_owned(),
+            );
         }
         variation.doubts.append(&mut doubts);
         variation.parameters.push(parameter);
