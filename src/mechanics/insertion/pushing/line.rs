@@ -226,7 +226,8 @@ impl<const D: usize> Line<D> {
         for start in &self.patch {
             let point: [f64; D] = std::array::from_fn(|axis| start[axis] + depth * self.direction[axis]);
             if let Some((element, least, weights)) = nearest(body, &self.beside, &point)
-                && least > -BESIDE
+                // Those of the surface already lie BESIDE outside, more or less by rounding.
+                && least > -2.0 * BESIDE
             {
                 self.weigh(body, element, &weights, &mut contact);
                 points += 1.0;
