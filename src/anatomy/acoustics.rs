@@ -149,12 +149,12 @@ impl TissueTable {
         &self.tissues[usize::from(tissue)]
     }
 
-    /// Checks that acoustic numbers are possible (a file has narrower ranges), indices, and names of textures;
-    /// `textures` are those beside the bank.
+    /// Checks that acoustic numbers are possible (a file has narrower ranges), indices for a volume of so many
+    /// `labels`, background included, and names of textures; `textures` are those beside the bank.
     ///
     /// # Errors
     /// [`TissueError`] with the tissue, what was found and what was expected.
-    pub fn check<'a>(&self, textures: impl IntoIterator<Item = &'a str>) -> Result<(), TissueError> {
+    pub fn check<'a>(&self, labels: usize, textures: impl IntoIterator<Item = &'a str>) -> Result<(), TissueError> {
         let count = self.tissues.len();
         if count == 0 {
             return Err(TissueError::Table(
@@ -164,6 +164,11 @@ impl TissueTable {
         if let Some(label) = self.of_label.iter().position(|tissue| usize::from(*tissue) >= count) {
             let tissue = self.of_label[label];
             let wrong = format!("label index {label} has tissue {tissue} of {count}; expected one below {count}");
+            return Err(TissueError::Table(wrong));
+        }
+        if self.of_label.len() < labels {
+            let found = self.of_label.len();
+            let wrong = format!("tissues of {found} label indices (`of_label`); expected those of {labels} labels");
             return Err(TissueError::Table(wrong));
         }
         for tissue in &self.tissues {

@@ -55,13 +55,13 @@ pub enum SynthError {
     /// The tissues do not fit the labels or the textures, or a number of theirs is out of range.
     #[error(transparent)]
     Tissue(#[from] TissueError),
-    /// The diameter of a needle, mm, is negative or not finite.
-    #[error("the needle has a diameter of {0} mm; expected 0 or more")]
-    Needle(f64),
+    /// A needle or seed that cannot be: says what is wrong with it.
+    #[error("a needle or seed has {0}")]
+    Needle(String),
     /// A GPU operation failed.
     #[error(transparent)]
     Gpu(#[from] GpuError),
-    /// The number of node positions does not match the mesh.
+    /// The node positions do not match the mesh, or are not finite.
     #[error(transparent)]
     Nodes(#[from] InvalidMesh),
     /// More memory is needed than is available.
@@ -230,8 +230,9 @@ impl Synthesizer {
     /// Renders one frame. In the steady state it allocates nothing. Frames in flight are dropped.
     ///
     /// # Errors
-    /// [`SynthError::Pose`] for a pose that a scene file would not be allowed either, [`SynthError::Nodes`], and errors
-    /// of a GPU. The first frame with a needle or seeds may also give those of [`Self::set`].
+    /// [`SynthError::Pose`] for a pose that a scene file would not be allowed either, [`SynthError::Nodes`],
+    /// [`SynthError::Needle`], and errors of a GPU. The first frame with a needle or seeds may also give those of
+    /// [`Self::set`].
     pub fn render(&mut self, state: &FrameState) -> Result<&Frame, SynthError> {
         self.drop_in_flight();
         let ticket = self.submit(state)?;
@@ -267,6 +268,7 @@ impl Synthesizer {
     ) -> Result<(), SynthError> {
         self.take_settings(state)?;
         self.admit(std::slice::from_ref(state))?;
+        check_finite(state)?;
         Self::begin(&self.tables, &mut self.local, state, &mut self.frame)?;
         let state = self.local.localized(state);
         match &mut self.executor {
@@ -287,14 +289,13 @@ impl Synthesizer {
 
     /// Checks a state and takes it over, and prepares the frame for it.
     fn begin(tables: &Tables, local: &mut LocalFrame, state: &FrameState, frame: &mut Frame) -> Result<(), SynthError> {
-        if let Some(mesh) = &tables.mesh {
-            check_positions(state.nodes.as_deref(), state.reference.as_deref(), mesh.nodes().len())?;
-        }
-        if let Some(needle) = &state.needle
-            && !(0.0..f64::INFINITY).contains(&needle.diameter_mm)
-        {
-            return Err(SynthError::Needle(needle.diameter_mm));
-        }
+        let nodes = tables.mesh.as_ref().map_or(0, |mesh| mesh.nodes().len());
+        check_positions(state.nodes.as_deref(), state.reference.as_deref(), nodes)?;
+        state
+            .needle
+            .iter()
+            .chain(&state.seeds)
+            .try_for_each(NeedleShaft::check)?;
         let probe_to_world = local.take(state).map_err(SynthError::Pose)?;
         let local = local.localized(state);
         frame.needle = needle::view(tables, local);
@@ -522,6 +523,18 @@ impl Synthesizer {
     }
 }
 
+/// Refuses positions of nodes that are NaN or infinite: nothing would be seen in their elements.
+fn check_finite(state: &FrameState) -> Result<(), SynthError> {
+    let is_lost = |node: &[f64; 3]| !node.iter().all(|x| x.is_finite());
+    for positions in [&state.nodes, &state.reference].into_iter().flatten() {
+        if let Some(node) = positions.iter().position(is_lost) {
+            let position = positions[node];
+            return Err(InvalidMesh::Coordinate { node, position }.into());
+        }
+    }
+    Ok(())
+}
+
 // Input state and output of a frame.
 
 /// Shaft of a needle, or a seed, in the world.
@@ -540,7 +553,21 @@ pub const SEED_LENGTH_MM: f64 = 4.5;
 pub const SEED_DIAMETER_MM: f64 = 0.8;
 
 impl NeedleShaft {
-    /// A brachytherapy seed centred at `centre_mm` (world) along a direction of any length.
+    fn check(&self) -> Result<(), SynthError> {
+        let wrong = if !(0.0..f64::INFINITY).contains(&self.diameter_mm) {
+            format!("a diameter of {} mm; expected 0 or more", self.diameter_mm)
+        } else if let Some(node) = self.nodes.iter().find(|node| !node.iter().all(|x| x.is_finite())) {
+            format!("a node at {:?} mm; expected finite numbers", [node.x, node.y, node.z])
+        } else if self.nodes.len() < 2 {
+            format!("{} nodes; expected at least 2", self.nodes.len())
+        } else {
+            return Ok(());
+        };
+        Err(SynthError::Needle(wrong))
+    }
+
+    /// A brachytherapy seed centred at `centre_mm` (world) along a direction of any length but 0, with which a frame is
+    /// refused.
     pub fn seed(centre_mm: Point3<f64>, along: &Vector3<f64>) -> Self {
         let half = along.normalize() * (SEED_LENGTH_MM / 2.0);
         Self {
@@ -550,8 +577,8 @@ impl NeedleShaft {
     }
 }
 
-/// State that varies from frame to frame. All positions are in the world, at any distance from its origin: they are in
-/// double precision, and are translated near 0 before they are rounded.
+/// State that varies from frame to frame. All positions are in the world, the probe at most 1e6 mm from its origin: they
+/// are in double precision, and are translated near 0 before they are rounded.
 #[derive(Clone, Debug)]
 pub struct FrameState {
     /// Frame number; it seeds the additive noise.

@@ -92,8 +92,8 @@ pub enum InvalidMesh {
         /// Number of elements.
         expected: usize,
     },
-    /// A reference coordinate is NaN or infinite.
-    #[error("node {node} is at {position:?}; reference coordinates must be finite")]
+    /// A coordinate is NaN or infinite.
+    #[error("node {node} is at {position:?}; coordinates must be finite")]
     Coordinate {
         /// Index of the node, from 0.
         node: usize,

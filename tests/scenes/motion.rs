@@ -386,7 +386,14 @@ fn poses_in_ras_are_turned_and_offered() {
     assert!(!says(&seen.warnings, &["sees nothing"]), "{:?}", seen.warnings);
     let away = "tracker_to_world = \"1 0 0 0 0 1 0 9000 0 0 1 0 0 0 0 1\"";
     let nowhere = recorded("", away, linear).expect("scene");
-    assert!(says(&nowhere.warnings, &["sees nothing"]) && !says(&nowhere.warnings, &["RAS"]));
+    assert!(says(
+        &nowhere.warnings,
+        &["sees nothing", "mm apart. `tracker_to_world` under"]
+    ));
+    assert!(!says(&nowhere.warnings, &["RAS"]));
+    // Which axes are assumed matters with a registration, too.
+    let near = recorded("", "tracker_to_world = \"1 0 0 40 0 1 0 70 0 0 1 0 0 0 0 1\"", linear).expect("scene");
+    assert!(says(&near.notes, &["taken as LPS"]), "{:?}", near.notes);
 }
 
 /// Before a body far from the origin, poses in metres or centimetres are told by the unit in which they would see it.
@@ -582,6 +589,34 @@ fn a_needle_is_read_in_the_axes_of_the_motion() {
     );
 }
 
+/// The needle in the frame and axes of the probe goes into the world with it, unless it says how.
+#[test]
+fn a_needle_has_the_registration_of_the_probe() {
+    let [away, back] = [9, -9].map(|x| format!("tracker_to_world = \"1 0 0 {x} 0 1 0 0 0 0 1 0 0 0 0 1\""));
+    let at = |needle: &str, own: &str| {
+        let needle =
+            format!("{needle}[needle.motion.sequence]\nfile = \"a.mha\"\ntransform = \"ProbeToTracker\"\n{own}");
+        let scene = recorded("world = \"ras\"", &away, &needle).expect("scene");
+        let tip = scene.needle_pose(0, 2).expect("needle").tip_mm();
+        (tip - scene.probe_pose(0, 2).position_mm(), scene.notes)
+    };
+    let (apart, notes) = at("", "");
+    assert!(
+        apart.norm() < 1e-9 && says(&notes, &["`tracker_to_world` is that of [motion.sequence]"]),
+        "{apart} {notes:?}"
+    );
+    let (apart, notes) = at("", &back);
+    assert!(
+        (apart - Vector3::new(18.0, 0.0, 0.0)).norm() < 1e-9 && !says(&notes, &["[motion.sequence]"]),
+        "{apart}"
+    );
+    let (_, notes) = at("[needle]\nworld = \"lps\"\n", "");
+    assert!(
+        says(&notes, &["`tracker_to_world` is not that of [motion.sequence]"]),
+        "{notes:?}"
+    );
+}
+
 #[test]
 fn transforms_of_the_configuration_are_part_of_the_chain() {
     let more = "<Transform From='Phantom' To='Tracker' Matrix='1 0 0 100 0 1 0 0 0 0 1 0 0 0 0 1'/>\
@@ -725,11 +760,11 @@ fn a_missing_array_centre_is_guessed_aloud() {
 #[test]
 fn the_scene_of_the_documentation_runs_on_a_recording() {
     let page = include_str!("../../docs/tracked-data.md");
-    let text = page
+    let blocks = page
         .split("```toml\n")
-        .nth(1)
-        .and_then(|rest| rest.split("```").next())
-        .expect("a scene");
+        .skip(1)
+        .filter_map(|rest| rest.split("```").next());
+    let text = blocks.collect::<String>().replace("NeedleTo", "StylusTo");
     let (Some(file), Some(config)) = (
         data("tracked/BoneUltrasound_L14.igs.mha"),
         data("config/BoneUltrasound_L14_config.xml"),
@@ -741,7 +776,7 @@ fn the_scene_of_the_documentation_runs_on_a_recording() {
                   ElementType = MET_UCHAR\nElementDataFile = LOCAL\n";
     let cube = folder.path().join("cube.mha");
     std::fs::write(&cube, [header.as_bytes(), &vec![5; 1_000_000]].concat()).expect("file");
-    let mut text = text.to_owned();
+    let mut text = text;
     for (name, path) in [
         ("phantom.seg.nrrd", cube),
         ("recording.igs.mha", file),
@@ -763,6 +798,7 @@ fn the_scene_of_the_documentation_runs_on_a_recording() {
         .cloned()
         .collect();
     assert_eq!(names, ["ProbeToTracker", "ReferenceToTracker", "StylusToTracker"]);
+    assert!(scene.needle_pose(20, 21).is_some() && says(&scene.notes, &["is that of [motion.sequence]"]));
     assert!(
         !says(&scene.warnings, &["sees nothing"]) && !says(&scene.warnings, &["apart"]),
         "{:?}",

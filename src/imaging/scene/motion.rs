@@ -9,11 +9,13 @@ use super::file::SceneFile;
 use super::paths::{MotionSpec, NeedleFrame, NeedleKeyframe, NeedleMotionSpec, NeedleTable};
 use super::recording::{Recording, left_out};
 use insonify_base::document::{InputError, InvalidFile};
+use insonify_base::matrix::Rows;
 use insonify_base::note::Notes;
 use insonify_tracking::TrackingError;
 use insonify_tracking::needle::{DEFAULT_DIAMETER_MM, DEFAULT_LENGTH_MM, NeedlePath, NeedlePose};
 use insonify_tracking::plus::PlusConfig;
 use insonify_tracking::pose::Pose;
+use insonify_tracking::sequence::ends;
 use insonify_tracking::trajectory::{Interpolation, ParameterColumn, Trajectory};
 use insonify_tracking::world::World;
 
@@ -233,11 +235,14 @@ impl SceneFile {
                 let from = (spec.file.as_deref(), transform, configuration.as_ref().or(plus));
                 let (frames, path) = self.frames(key, from, base, notes)?;
                 warnings.extend(path.warnings);
-                let matrix =
-                    |rows: Option<insonify_base::matrix::Rows>| rows.map_or_else(Matrix4::identity, |rows| rows.0);
+                let matrix = |rows: Option<Rows>| rows.map_or_else(Matrix4::identity, |rows| rows.0);
                 let axis = Vector3::from(spec.shaft_axis.unwrap_or([0.0, 0.0, 1.0]));
                 let to_marker = matrix(spec.tip_to_marker);
-                let to_world = world.transform(matrix(spec.tracker_to_world));
+                let tracker_to_world = match spec.tracker_to_world {
+                    None => self.tracker_of_probe(transform, world, notes),
+                    stated => stated,
+                };
+                let to_world = world.transform(matrix(tracker_to_world));
                 let tip = NeedlePath::tip_from_tracked(&frames, &to_marker, axis, &to_world, interpolation)
                     .map_err(|error| self.tracked(key, transform, error))?;
                 warnings.extend(left_out(key, &tip, frames.len()));
@@ -252,6 +257,28 @@ impl SceneFile {
                 Err(self.wrong_keys("needle.motion", found, "one of them"))
             }
         }
+    }
+
+    /// The `tracker_to_world` of the probe's sequence, for a needle in the world whose `transform` leads where that of the
+    /// probe does, in the same axes.
+    fn tracker_of_probe(&self, transform: &str, world: World, notes: &mut Notes) -> Option<Rows> {
+        const KEY: &str = "needle.motion.sequence: `tracker_to_world`";
+        let motion = self.motion.as_ref()?;
+        let sequence = motion.sequence.as_ref()?;
+        let to_world = sequence.tracker_to_world?;
+        if self.needle.as_ref()?.frame == Some(NeedleFrame::Probe) {
+            return None;
+        }
+        let target = |transform| ends(transform).map(|(_, to)| to);
+        let of_probe = sequence.transform();
+        if target(transform) == target(of_probe) && world == motion.world.unwrap_or_default() {
+            notes.push(format!("{KEY} is that of [motion.sequence]"));
+            return Some(to_world);
+        }
+        notes.push(format!(
+            "{KEY} is not that of [motion.sequence], as `{transform}` leads to another frame or other axes than `{of_probe}`"
+        ));
+        None
     }
 
     /// Error of a path from the recorded poses of a transform.

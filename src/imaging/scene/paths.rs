@@ -128,9 +128,16 @@ pub(crate) struct SequenceSpec {
     /// taken from it.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub plus_config: Option<PathBuf>,
-    /// Rigid transform from the tracker to the world. Default: identity.
+    /// Rigid transform from the tracker to the world, in the axes of `world` under `[motion]`. Default: identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracker_to_world: Option<Rows>,
+}
+
+impl SequenceSpec {
+    /// Transform from the marker on the probe to the tracker.
+    pub(crate) fn transform(&self) -> &str {
+        self.transform.as_deref().unwrap_or("ProbeToTracker")
+    }
 }
 
 /// Frame in which a needle is stated.
@@ -252,7 +259,8 @@ pub struct NeedleSequenceSpec {
     /// Direction from hub to tip in the tip's frame. Default `[0, 0, 1]`, as in PLUS's needle models.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shaft_axis: Option<[f64; 3]>,
-    /// Rigid transform from the tracker to the world. Default: identity.
+    /// Rigid transform from the tracker to the world, in the axes of `world` under `[needle]`. Default: that of the
+    /// probe's sequence where `transform` leads to the same frame, else identity.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub tracker_to_world: Option<Rows>,
 }

@@ -96,7 +96,7 @@ impl SceneFile {
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<(Vec<TrackedFrame>, Recording), InputError> {
-        let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
+        let transform = spec.transform();
         let (frames, sequence) = self.frames(KEY, (spec.file.as_deref(), transform, plus), base, notes)?;
         warnings.extend(sequence.warnings);
         warnings.extend(
@@ -298,7 +298,7 @@ impl SceneFile {
         if let Some(plus) = plus {
             let key = "motion.sequence.plus_config";
             let unknown = |error: InputError| {
-                let transform = spec.transform.as_deref().unwrap_or("ProbeToTracker");
+                let transform = spec.transform();
                 let help =
                     format!("`transform = \"{transform}\"` takes {marker} for the marker on the probe: is it another?");
                 error.with_help(Some(help))

@@ -139,7 +139,13 @@ impl SceneFile {
         settle(&image, &mut file, tracked.as_mut());
         // Beside the volume there is nothing to touch, and which axes were assumed matters less than that nothing is
         // seen.
-        let blind = outside(&body, &framing.grid, &probe, self.stated_world());
+        let mut blind = outside(&body, &framing.grid, &probe, self.stated_world());
+        if let Some(blind) = blind
+            .as_mut()
+            .filter(|blind| tracked.is_some() && blind.ends_with(" apart"))
+        {
+            blind.push_str(". `tracker_to_world` under [motion.sequence] says where the tracker is in the world");
+        }
         let is_on_skin = framing.probe.shape.kind().site() == Site::Skin;
         if blind.is_none() && is_on_skin && self.stated_world().is_some() {
             warnings.extend(doubts::of_positions(&body, &framing.grid, &probe));
@@ -339,24 +345,17 @@ impl SceneFile {
     /// Notes about tracked sequences whose position in the world is left open.
     fn assumed_worlds(&self) -> Vec<String> {
         let probe = self.motion.as_ref().filter(|motion| motion.world.is_none());
-        let probe = probe.and_then(|motion| motion.sequence.as_ref());
+        let probe = probe.is_some_and(|motion| motion.sequence.is_some());
         let needle = self.needle.as_ref().filter(|needle| needle.world.is_none());
         let inherits = self.motion.as_ref().is_some_and(|motion| motion.world.is_some());
         let needle = needle.filter(|_| !inherits);
-        let needle = needle.and_then(|needle| needle.motion.as_ref()?.sequence.as_ref());
-        let open = [
-            (
-                "motion",
-                probe.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
-            ),
-            (
-                "needle",
-                needle.is_some_and(|sequence| sequence.tracker_to_world.is_none()),
-            ),
-        ];
+        let needle =
+            needle.is_some_and(|needle| needle.motion.as_ref().is_some_and(|motion| motion.sequence.is_some()));
+        let open = [("motion", probe), ("needle", needle)];
         let note = |(table, _): (&str, bool)| {
             format!(
-                "the tracker's axes are taken as LPS; `world = \"ras\"` under [{table}] takes them as RAS, as 3D Slicer does"
+                "tracked poses and `tracker_to_world` are taken as LPS; `world = \"ras\"` under [{table}] takes them as RAS, as \
+                 3D Slicer does"
             )
         };
         open.into_iter().filter(|(_, open)| *open).map(note).collect()

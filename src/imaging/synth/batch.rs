@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::cpu::CpuExecutor;
 use super::local_origin::LocalFrame;
-use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer};
+use super::{Backend, Executor, Frame, FrameState, IN_FLIGHT, SynthError, Synthesizer, check_finite};
 use insonify_base::memory;
 use insonify_base::parallel::{self, Pool};
 
@@ -160,6 +160,7 @@ impl Synthesizer {
             let mut frames = spare.pop().unwrap_or_default();
             frames.resize_with(chunk.len(), Frame::default);
             for ((state, frame), local) in chunk.iter().zip(&mut frames).zip(&mut locals) {
+                check_finite(state)?;
                 Self::begin(&self.tables, local, state, frame)?;
             }
             let states: Vec<_> = locals

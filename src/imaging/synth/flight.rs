@@ -1,6 +1,6 @@
 //! Frames in flight: submitted, worked on by a GPU while the caller goes on, and taken in the same order.
 
-use super::{Executor, Frame, FrameState, SynthError, Synthesizer, gpu};
+use super::{Executor, Frame, FrameState, SynthError, Synthesizer, check_finite, gpu};
 
 /// Largest number of frames in flight.
 pub(crate) const IN_FLIGHT: usize = 3;
@@ -54,6 +54,7 @@ impl Synthesizer {
         }
         self.take_settings(state)?;
         self.admit(std::slice::from_ref(state))?;
+        check_finite(state)?;
         let mut frame = self.spare.pop().unwrap_or_default();
         Self::begin(&self.tables, &mut self.local, state, &mut frame)?;
         let state = self.local.localized(state);

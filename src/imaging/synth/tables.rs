@@ -11,7 +11,7 @@ use super::layers::Layer;
 use super::local_origin::LocalOrigin;
 use crate::effects::buffers::{Buffer, LABEL_ROWS, RAYS, SCAN_MAP};
 use crate::effects::{EffectTables, Effects, REGISTRY};
-use insonify_anatomy::acoustics::TissueTable;
+use insonify_anatomy::acoustics::{TissueError, TissueTable};
 use insonify_anatomy::volume::LabelVolume;
 use insonify_anatomy::volume::texture::SolidTexture;
 use insonify_base::memory;
@@ -171,7 +171,7 @@ impl Tables {
     /// Derives all tables.
     pub fn new(anatomy: Anatomy, settings: Settings) -> Result<Self, SynthError> {
         settings.effects.validate()?;
-        anatomy.tissues.check(anatomy.textures.keys().map(String::as_str))?;
+        check_tissues(&anatomy.tissues, &anatomy)?;
         let grid = BeamGrid::new(&settings.probe)?;
         let image_grid = image_grid(&grid, &settings.image)?;
         check_memory(&grid, &settings, 0)?;
@@ -214,7 +214,7 @@ impl Tables {
         check_memory(&grid, &settings, frame_bytes(&self.grid, &self.settings))?;
         let retissue = !Arc::ptr_eq(tissues, &self.anatomy.tissues);
         if retissue {
-            tissues.check(self.anatomy.textures.keys().map(String::as_str))?;
+            check_tissues(tissues, &self.anatomy)?;
         }
         let retissued = retissue.then(|| Anatomy {
             tissues: Arc::clone(tissues),
@@ -331,6 +331,13 @@ fn frame_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
         .map(|effect| (effect.extra_bytes)(settings, samples))
         .sum();
     14 * (settings.image.width * settings.image.height) as u64 + 21 * samples * settings.planes() as u64 + effects
+}
+
+fn check_tissues(tissues: &TissueTable, anatomy: &Anatomy) -> Result<(), TissueError> {
+    tissues.check(
+        anatomy.volume.labels().len(),
+        anatomy.textures.keys().map(String::as_str),
+    )
 }
 
 /// Refuses a frame that does not fit into memory, before any allocation; one of no more than `taken` bytes is there.

@@ -3,7 +3,7 @@ use crate::anatomies;
 use crate::effects::buffers::{RAYS, SCAN_MAP};
 use insonify_anatomy::phantom::{Phantom, PhantomOptions, make};
 use insonify_anatomy::volume::LabelVolume;
-use insonify_mesh::TetMesh;
+use insonify_mesh::{InvalidMesh, TetMesh};
 
 /// The CPU, and the GPU of the tests, if there is one.
 fn backends() -> Vec<Backend> {
@@ -267,13 +267,6 @@ fn frames_tell_what_is_seen_of_the_needle() {
             "{nodes:?}"
         );
     }
-    let nowhere = view(&mut synth, &mut states[1], [[f64::NAN; 3]; 2]);
-    assert_eq!(
-        nowhere,
-        Some(NeedleView::Outside {
-            distance_mm: f64::INFINITY
-        })
-    );
     // A scene that excludes needles says so, and does not draw them.
     let mut settings = synth.settings().clone();
     (settings.effects.needle, settings.has_needle) = (None, false);
@@ -523,7 +516,7 @@ fn batches_with_and_without_settings_are_frames_one_by_one() {
 /// Tables and states of a host are checked as files are: no panic, and no frame that looks right.
 #[test]
 fn wrong_tables_and_states_of_a_host_are_refused() {
-    let (anatomy, settings, state) = anatomies::two_layers();
+    let (mut anatomy, settings, state) = anatomies::two_layers();
     let refused = |change: &dyn Fn(&mut TissueTable), words: &str| {
         let mut tissues = (*anatomy.tissues).clone();
         change(&mut tissues);
@@ -546,6 +539,7 @@ fn wrong_tables_and_states_of_a_host_are_refused() {
     assert!(volume(Matrix4::new_scaling(0.5)).is_ok() && volume(Matrix4::identity() * 2.0).is_err());
     refused(&|table| table.tissues.clear(), "no tissues");
     refused(&|table| table.of_label[1] = 77, "label index 1 has tissue 77");
+    refused(&|table| table.of_label.truncate(1), "tissues of 1 label indices");
     refused(
         &|table| table.tissues[1].attenuation_db_cm_mhz = f64::NAN,
         "attenuation_db_cm_mhz = NaN",
@@ -556,11 +550,49 @@ fn wrong_tables_and_states_of_a_host_are_refused() {
         "no texture is called \"marble\"",
     );
 
+    let mut synth = Synthesizer::new(anatomy.clone(), settings.clone(), Backend::Cpu).unwrap();
+    let nodes = [Point3::origin(), Point3::new(0.0, 0.0, 20.0)];
+    let shaft = |nodes: &[Point3<f64>], diameter_mm| NeedleShaft {
+        nodes: nodes.to_vec(),
+        diameter_mm,
+    };
+    for (wrong, words) in [
+        (shaft(&nodes, -1.0), "a diameter of -1 mm"),
+        (shaft(&nodes, f64::NAN), "a diameter of NaN mm"),
+        (shaft(&nodes[..1], 1.0), "1 nodes"),
+        (
+            shaft(&[nodes[0], Point3::new(0.0, f64::NAN, 9.0)], 1.0),
+            "a node at [0.0, NaN, 9.0] mm",
+        ),
+        (NeedleShaft::seed(nodes[0], &Vector3::zeros()), "a node at [NaN"),
+    ] {
+        for is_seed in [false, true] {
+            let mut state = state.clone();
+            state.needle = (!is_seed).then(|| wrong.clone());
+            state.seeds = Vec::from_iter(is_seed.then(|| wrong.clone()));
+            match synth.render(&state) {
+                Err(error @ SynthError::Needle(_)) => assert!(error.to_string().contains(words), "{error}"),
+                other => panic!("{words}: {other:?}"),
+            }
+        }
+    }
+    // Nodes without a mesh to move, and nodes that are nowhere.
+    let moved = |nodes: Vec<[f64; 3]>| FrameState {
+        nodes: Some(nodes),
+        ..state.clone()
+    };
+    let mesh = TetMesh::over_box([-30.0; 3], [30.0; 3], 100).unwrap();
+    let mut nodes = mesh.nodes().to_vec();
+    assert!(matches!(synth.render(&moved(nodes.clone())), Err(SynthError::Nodes(_))));
+    anatomy.mesh = Some(Arc::new(mesh));
     let mut synth = Synthesizer::new(anatomy, settings, Backend::Cpu).unwrap();
-    for diameter_mm in [-1.0, f64::NAN] {
-        let mut state = state.clone();
-        let nodes = vec![Point3::origin(), Point3::new(0.0, 0.0, 20.0)];
-        state.needle = Some(NeedleShaft { nodes, diameter_mm });
-        assert!(matches!(synth.render(&state), Err(SynthError::Needle(_))));
+    assert!(synth.render(&moved(nodes.clone())).is_ok());
+    for lost in [f64::NAN, f64::INFINITY] {
+        nodes[7][1] = lost;
+        let refused = synth.render(&moved(nodes.clone()));
+        assert!(matches!(
+            refused,
+            Err(SynthError::Nodes(InvalidMesh::Coordinate { node: 7, .. }))
+        ));
     }
 }
