@@ -98,6 +98,7 @@
 //!
 //! Features, on by default: `gpu` renders and remeshes on a GPU through wgpu; `record` has files, plots and pages of
 //! insertions. For frames alone, [`insonify_imaging`] suffices. Studies and the command are crates of their own.
+//! Arguments are types of `nalgebra` 0.35; a device of the host ([`Backend::Host`]) is one of `wgpu` 30.
 //!
 //! # Threads
 //!
@@ -192,3 +193,23 @@ pub use simulator::{
     Damper, Forces, Haptic, HoldOptions, Imaging, LateralHold, PointsPose, Policy, Simulator, SimulatorError,
     SimulatorOptions, TemplateGuided, TwoPoints,
 };
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn versions_of_the_page_are_those_of_the_manifest() {
+        for (crate_name, parts) in [("nalgebra", 2), ("wgpu", 1)] {
+            let line = |line: &&str| line.starts_with(&format!("{crate_name} = {{ version = "));
+            let line = include_str!("../Cargo.toml").lines().find(line).expect("a dependency");
+            let version: Vec<&str> = line
+                .split('"')
+                .nth(1)
+                .unwrap_or_default()
+                .split('.')
+                .take(parts)
+                .collect();
+            let told = format!("`{crate_name}` {}", version.join("."));
+            assert!(include_str!("lib.rs").contains(&told), "{told}");
+        }
+    }
+}

@@ -260,7 +260,9 @@ fn unreadable<T: JsonSchema + 'static>(source: &Arc<Source>, Mismatch { message,
         return InputError::new(problem).in_text(source, long_key(&source.text));
     }
     let Some((key, known)) = suggest::unknown_field(&message) else {
-        let help = suggest::unknown_variant(&message);
+        let is_escape = message.contains("escape") || message.contains("unicode value");
+        let escape = "a backslash begins an escape in \"...\": write `/`, or the string in single quotes";
+        let help = suggest::unknown_variant(&message).or(is_escape.then(|| escape.to_owned()));
         return InputError::new(InvalidFile::Syntax(
             without_rust(message.trim_end()).replace('\n', "; "),
         ))
@@ -383,6 +385,19 @@ impl<const NEWEST: i64> JsonSchema for Version<NEWEST> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn backslashes_of_paths_get_help() {
+        for path in [r"C:\Users\me", r"C:\seg.nrrd", r"D:\data\x41"] {
+            let wrong =
+                parse::<std::collections::BTreeMap<String, String>>(&format!("file = \"{path}\""), "a.toml", &[])
+                    .expect_err(path);
+            assert!(
+                wrong.help().is_some_and(|help| help.contains("single quotes")),
+                "{wrong}"
+            );
+        }
+    }
 
     #[test]
     fn messages_name_what_a_file_may_contain() {

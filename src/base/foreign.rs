@@ -85,7 +85,7 @@ const KINDS: &[Foreign] = &[
     Foreign { name: "a TetGen file", marks: &[&[Is(is_tetgen)]], endings: &[], labels: Some(OTHER_MESH), mesh: TETGEN },
     Foreign { name: "a mesh", marks: &[&[At(0, b"# vtk DataFile")], &[Within(b"<VTKFile")], &[At(0, b"$MeshFormat")]], endings: &[".msh", ".vtu"], labels: Some(MESH), mesh: None },
     Foreign { name: "a scene of 3D Slicer", marks: &[&[Within(b"<MRML")]], endings: &[".mrml", ".mrb"], labels: Some("save its segmentation as .seg.nrrd"), mesh: TETRAHEDRA },
-    Foreign { name: "a configuration of PLUS", marks: &[&[Within(b"<PlusConfiguration")]], endings: &[], labels: Some("it places frames (`plus` in a scene), and has no labels"), mesh: TETRAHEDRA },
+    Foreign { name: "a configuration of PLUS", marks: &[&[Within(b"<PlusConfiguration")]], endings: &[], labels: Some("it places frames (`plus_config` in a scene), and has no labels"), mesh: TETRAHEDRA },
     Foreign { name: "a scene of glTF", marks: &[&[At(0, b"glTF")]], endings: &[".glb", ".gltf"], labels: Some(OTHER_SURFACE), mesh: FILLED },
     Foreign { name: "a GIfTI surface", marks: &[&[Within(b"<GIFTI")]], endings: &[".gii"], labels: Some(OTHER_SURFACE), mesh: FILLED },
     Foreign { name: "an XML file", marks: &[&[At(0, b"<?xml")]], endings: &[], labels: Some("give a volume of labels"), mesh: None },

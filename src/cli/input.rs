@@ -8,6 +8,7 @@ use insonify_anatomy::volume::VolumeError;
 use insonify_base::document::Setting;
 use insonify_imaging::quality::Picked;
 use insonify_imaging::scene::{self, Scene, SceneFile, Version};
+use insonify_tracking::sequence::SequenceInfo;
 
 use super::backend::BackendArgs;
 use super::failure::{Error, Failure, usage};
@@ -93,11 +94,16 @@ impl Input {
         let file = match &self.scene {
             Some(scene) if scene.is_dir() || stem(scene).is_some() => {
                 let name = scene.display();
-                let kind = if scene.is_dir() { "a folder" } else { "an image file" };
-                return Err(usage(
-                    format!("{name} is {kind}, not a scene"),
-                    format!("labels are given with --labels {name}"),
-                ));
+                let labels = format!("labels are given with --labels {name}");
+                let (kind, help) = match SequenceInfo::of(scene) {
+                    _ if scene.is_dir() => ("a folder", labels),
+                    None => ("an image file", labels),
+                    Some(_) => (
+                        "a recording",
+                        format!("`file = '{name}'` under [motion.sequence] of a scene moves the probe by it"),
+                    ),
+                };
+                return Err(usage(format!("{name} is {kind}, not a scene"), help));
             }
             Some(scene) => scene::read_or_bundled(scene, &settings)?,
             None if self.labels.is_some() => SceneFile::parse_with("", "", &settings)?,

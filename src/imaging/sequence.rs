@@ -214,10 +214,7 @@ impl SequenceWriter {
             return Err(wrong_size(&self.path, self.frames, found, size));
         }
         for (name, _, _) in info.transforms {
-            let named = name
-                .split_once("To")
-                .is_some_and(|(from, to)| !from.is_empty() && !to.is_empty());
-            if !named || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
+            if name.is_empty() || !name.chars().all(|c| c.is_alphanumeric() || "_-.".contains(c)) {
                 let expected = "expected letters, digits, `_`, `-` and `.` as in \"ProbeToTracker\"";
                 let text = format!("found the transform name {name:?}, {expected}");
                 return Err(OutputError::contents(&self.path, text));
@@ -534,5 +531,15 @@ mod tests {
             ..FrameInfo::default()
         };
         assert!(matches!(writer.push(&[0], &info), Err(OutputError::Contents { .. })));
+        // A name of 3D Slicer's joins no two frames, and is kept.
+        let transforms = [("LinearTransform_3", Matrix4::identity(), true)];
+        let info = FrameInfo {
+            transforms: &transforms,
+            ..info
+        };
+        writer.push(&[0], &info).unwrap();
+        writer.finish().unwrap();
+        let read = Sequence::read(&folder.path().join("a.mha")).unwrap();
+        assert!(read.frames[0].transforms.contains_key("LinearTransform_3"));
     }
 }

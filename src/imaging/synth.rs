@@ -227,7 +227,9 @@ impl Synthesizer {
         })
     }
 
-    /// Renders one frame. In the steady state it allocates nothing. Frames in flight are dropped.
+    /// Renders one frame. In the steady state it allocates nothing. Frames in flight are dropped. A probe beside the
+    /// volume gives a dark frame and no error: [`LabelVolume::label_index_at`](insonify_anatomy::volume::LabelVolume)
+    /// tells whether a point before it lies in the volume.
     ///
     /// # Errors
     /// [`SynthError::Pose`] for a pose that a scene file would not be allowed either, [`SynthError::Nodes`],

@@ -106,7 +106,7 @@ pub struct LevelChange {
     pub seconds: f64,
 }
 
-/// Deformed tissue, from which an image is made.
+/// Deformed tissue, from which an image is made. Of the crate `insonify` it is `MovedTissue`; `Tissue` is acoustic there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tissue {
     /// Node positions in the reference state, mm. Remeshing moves them.
@@ -188,7 +188,7 @@ pub trait NodeSolver: Send {
     /// Returns the elements of the mesh, four nodes each. They never change.
     fn elements(&self) -> &[[u32; 4]];
 
-    /// Writes the node positions of a snapshot.
+    /// Writes the node positions of a snapshot; `into` is `insonify::MovedTissue`.
     fn tissue(&mut self, snapshot: &Snapshot, into: &mut Tissue);
 }
 

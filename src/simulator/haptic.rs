@@ -147,7 +147,8 @@ impl Haptic {
 
     /// Returns the state: after a restore, the same steps give the same outcomes, bit for bit. Saving may change the
     /// last bits of later steps of this model, too, as it goes on as one restored to the state does ([`Model::save`]):
-    /// runs that are compared bit for bit save, and [record](Self::record), at the same steps.
+    /// runs that are compared bit for bit save, and [record](Self::record), at the same steps, and compare
+    /// [`Self::outcome`]: forces that [`Policy::Ease`](super::Policy::Ease) blends depend on the clock.
     pub fn save(&mut self) -> SimulatorState {
         SimulatorState {
             time_s: self.time_s,
@@ -156,7 +157,8 @@ impl Haptic {
     }
 
     /// Restores a saved state, and publishes it to the image. The next step returns the forces of the model, without
-    /// any earlier blend. A recording restarts from this state.
+    /// any earlier blend; from then on [`Self::outcome`] repeats, as for [`Self::save`]. A recording restarts from this
+    /// state.
     ///
     /// # Errors
     /// [`StepError::Foreign`]; then nothing has changed.

@@ -60,6 +60,10 @@ fn wrong_files_are_status_2_and_named() {
     bench
         .run("render ct.nii.gz")
         .fails(2, &["ct.nii.gz is an image file", "--labels ct.nii.gz"]);
+    bench.write("a.igs.mha", "ObjectType = Image\nNDims = 3\nDimSize = 1 1 1\nElementType = MET_UCHAR\nSeq_Frame0000_Timestamp = 0\nElementDataFile = LOCAL\n0");
+    bench
+        .run("render a.igs.mha")
+        .fails(2, &["a.igs.mha is a recording", "under [motion.sequence]"]);
     bench.run("inspect scene.toml --at -1,3").fails(2, &["-1,3", "320,240"]);
     bench.write("binary.toml", "version = 1\n");
     std::fs::write(bench.path("binary.toml"), b"version = 1\n\xff\xfe").unwrap();

@@ -84,6 +84,11 @@ fn masks(folder: &Path) -> Result<Vec<Mask>, VolumeError> {
     if let Some(image) = masks.iter().find(|mask| mask.is_image()) {
         return Err(no_mask(&image.path, "an image, by its name"));
     }
+    if let Some(recording) = masks.iter().find(|mask| mask.name.to_lowercase().ends_with(".igs")) {
+        let found = format!("{}, a recording of tracked frames", file_name(&recording.path));
+        let expected = "masks or surfaces: `insonify info` tells what is in a recording, `[motion.sequence]` of a scene moves the probe by it";
+        return Err(VolumeError::malformed(folder, At::Folder, found, expected));
+    }
     masks.sort_by_cached_key(|mask| (!is_body(&mask.name), mask.name.clone(), mask.path.clone()));
     if let Some([one, two]) = masks.array_windows().find(|[one, two]| one.name == two.name) {
         let found = format!("{} and {}", file_name(&one.path), file_name(&two.path));

@@ -25,6 +25,8 @@ const VOXELS_ALONG: f64 = 256.0;
 const LARGEST_MM: f64 = 1.0;
 /// Space around organs without a body, in which one is closed, mm.
 const AROUND_MM: f64 = 40.0;
+/// Length below which a body is likely to be in centimetres, mm: between that of torsos in centimetres and small animals.
+const SMALL_BODY_MM: f64 = 60.0;
 /// Voxels around a body.
 const RIM: f64 = 2.0;
 
@@ -218,6 +220,12 @@ pub(super) fn read(path: &Path, files: &[PathBuf], resolution_mm: Option<f64>) -
         note.push_str(&format!(
             "; taken as LPS, as they state no axes: {}",
             some_of(&nameless)
+        ));
+    }
+    if has_body && longest < SMALL_BODY_MM {
+        segmentation.warnings.push(format!(
+            "the body is {longest:.1} mm long: in centimetres it would be {:.0} mm; is the surface in mm, as it is taken?",
+            10.0 * longest
         ));
     }
     segmentation.is_of_surfaces = true;

@@ -15,8 +15,10 @@ const BODY: &str = "body";
 /// Volume from which a label through all slices may be a body, and from which a single one is, ml: no organ is as
 /// large.
 const BODY_ML: [f64; 2] = [3000.0, 11000.0];
-/// Least fraction of its box that a body fills.
+/// Least fraction of its box that a body fills with what lies in it, and least fraction of all labelled voxels in it.
 const BODY_FILL: f64 = 0.5;
+/// Voxels by which labels may stick out of the box of the body around them.
+const STICKS_OUT: usize = 2;
 
 impl Segmentation {
     /// Takes a label -1 or 255 that has all corners of the volume, beside other labels, for the background.
@@ -62,14 +64,19 @@ impl Segmentation {
         let present: Vec<usize> = (1..volume.labels().len())
             .filter(|label| volume.holds(*label))
             .collect();
+        let voxels = |label: usize| volume.labels()[label].voxels as f64;
+        let labelled: f64 = present.iter().map(|&label| voxels(label)).sum();
         let encloses_all = |&label: &usize| {
             let extent = &extents.labels[label];
             let sides = extent.voxels.map(|[first, last]| last + 1 - first);
-            let fill = volume.labels()[label].voxels as f64 / sides.iter().product::<usize>() as f64;
+            let fill = labelled / sides.iter().product::<usize>() as f64;
             let through = slices.is_some_and(|axis| sides[axis] == volume.size()[axis]);
             let encloses = |other: &usize| {
                 let other = &extents.labels[*other].voxels;
-                (0..3).all(|axis| extent.voxels[axis][0] <= other[axis][0] && other[axis][1] <= extent.voxels[axis][1])
+                (0..3).all(|axis| {
+                    let [first, last] = extent.voxels[axis];
+                    first <= other[axis][0] + STICKS_OUT && other[axis][1] <= last + STICKS_OUT
+                })
             };
             let is_named = volume.labels()[label].name.is_some();
             let is_large = if present.len() == 1 {
@@ -80,6 +87,7 @@ impl Segmentation {
             is_large
                 && surrounding(volume).map(usize::from) != Some(label)
                 && fill >= BODY_FILL
+                && voxels(label) >= BODY_FILL * labelled
                 && present.iter().all(encloses)
         };
         let may_be_body = |&label: &usize| {

@@ -44,12 +44,14 @@ const MIDDLE_MUSCLE: [f64; 2] = [0.4, 0.65];
 const ENOUGH_ORGANS: usize = 8;
 
 /// Names that occur only in volumes with an explicit body.
-const BODY_NAMES: [&str; 8] = [
+const BODY_NAMES: [&str; 10] = [
     "skin",
     "fat",
     "subcutaneous_fat",
     "body",
     "body_trunc",
+    "external",
+    "patient",
     "phantom_top",
     "phantom_bottom",
     "phantom_inclusion",

@@ -114,7 +114,8 @@ pub enum VolumeError {
     },
     /// More distinct labels than a byte can index.
     #[error(
-        "at least {0} distinct labels; at most 256 are supported (is this a grey image rather than a label map? Echoes: insonify rf --bmode)"
+        "at least {0} distinct labels; at most 256 are supported (is this a grey image, such as a reconstructed volume, rather than a label \
+         map? Labels come from its segmentation. Echoes: insonify rf --bmode)"
     )]
     TooManyLabels(usize),
     /// An option, or a part of a volume or texture, is invalid.
@@ -171,7 +172,7 @@ impl VolumeError {
     }
 
     /// The error as one of a file.
-    pub(crate) fn in_file(self, path: &Path) -> Self {
+    pub fn in_file(self, path: &Path) -> Self {
         let (path, cause) = (path.to_owned(), Box::new(self));
         Self::Volume { path, cause }
     }

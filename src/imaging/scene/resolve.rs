@@ -290,7 +290,14 @@ impl SceneFile {
             claimed: &claimed,
             claimed_names: &claimed_names,
         };
-        let fault = |error: VolumeError| self.fault(format!("volume.{}", error.key().unwrap_or("file")), error);
+        let fault = |error: VolumeError| {
+            let error = match error {
+                // Completion adds labels to those of the file.
+                VolumeError::TooManyLabels(_) => error.in_file(&path),
+                error => error,
+            };
+            self.fault(format!("volume.{}", error.key().unwrap_or("file")), error)
+        };
         let opened = stage::during("reading labels", || open_on(&path, &naming, spec.resolution_mm)).map_err(fault)?;
         notes.extend(opened.notes);
         warnings.extend(opened.warnings);

@@ -145,7 +145,8 @@ pub(super) fn shaft_n(friction_n_per_mm: f64, peak: Option<Peak>, [near_mm, far_
     (far_mm - near_mm - peak[0]).max(0.0) * friction_n_per_mm + peak[1]
 }
 
-/// Regions of the body and their interactions with a needle, independent of any mesh.
+/// Regions of the body and their interactions with a needle, independent of any mesh. Of the crate `insonify` it is
+/// `InsertionAnatomy`; `Anatomy` is what frames show there.
 pub trait Anatomy: Send + Sync + Debug {
     /// Returns the region at a point of the undeformed body (mm), or `None` outside the body.
     fn region(&self, at_rest_mm: &Point3<f64>) -> Option<i32>;

@@ -387,6 +387,13 @@ fn surfaces_in_centimetres_are_told_their_unit() {
         "{warnings:?}"
     );
     assert!(read(1.0).is_empty(), "{:?}", read(1.0));
+    // A body alone has no organs to be compared with.
+    let path = folder.path().join("body.stl");
+    let told = |side: f64| {
+        Shape::cuboid([side, side, side * 0.5]).write(&path, "");
+        super::super::open(&path, &Default::default()).unwrap().warnings
+    };
+    assert!(told(36.0)[0].contains("in centimetres it would be 360 mm") && told(360.0).is_empty());
 }
 
 #[test]

@@ -154,6 +154,8 @@ fn folders_that_are_no_segmentation_are_refused() {
     );
     folder.row("a.mha", [0, 1, 0, 1], 1.0);
     assert!(refused(folder.0.path()).contains("a.mha and a.nii"));
+    folder.row("b.igs.mha", [0, 1, 0, 1], 1.0);
+    assert!(refused(folder.0.path()).contains("b.igs.mha, a recording of tracked frames"));
 }
 
 #[test]

@@ -98,7 +98,7 @@ fn what_encloses_all_other_labels_is_the_body_whatever_its_name() {
         opened(&path)
     };
     let filled = |place: [usize; 3]| radius(place) < 14.0;
-    for name in ["External", "Haut", "Body_contour", "skin", "outline"] {
+    for name in ["External", "Haut", "Body_contour", "skin", "outline", "tissue"] {
         let read = masks(name, &filled);
         let is_body = |label: &Label| label.name.as_deref() == Some("body");
         assert!(read.volume.labels().iter().any(is_body), "{name}: {:?}", names(&read));
@@ -130,6 +130,23 @@ fn what_encloses_all_other_labels_is_the_body_whatever_its_name() {
             names(&read)
         );
     }
+    // Where one label a voxel is stored, a body lacks what lies in it, here lungs that reach out of it by a voxel.
+    let stored = |lung_mm: f64| {
+        let label = |place: [usize; 3]| match (radius(place) < lung_mm, filled(place)) {
+            (true, _) => 2,
+            (false, inside) => u8::from(inside && place[2] > 0),
+        };
+        let voxels: Vec<u8> = (0..size.iter().product()).map(|offset| label(at(offset))).collect();
+        let count = |label: u8| voxels.iter().filter(|voxel| **voxel == label).count();
+        let counts = [(1, count(1)), (2, count(2))];
+        let mut volume = volume(size, voxels, &counts, 10.0);
+        volume.name(1, "tissue".to_owned());
+        volume.name(2, "lung".to_owned());
+        named("a.seg.nrrd", &volume)
+    };
+    assert_eq!(names(&stored(9.0)), [(1, "body"), (2, "lung")]);
+    // Near miss: a rim around the larger rest.
+    assert_eq!(names(&stored(11.0)), [(1, "tissue"), (2, "lung")]);
     let path = folder.path("External");
     let naming = Naming {
         claimed_names: &["External".to_owned()],
