@@ -542,8 +542,8 @@ fn check_finite(state: &FrameState) -> Result<(), SynthError> {
 /// Shaft of a needle, or a seed, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedleShaft {
-    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one. If there are more than 65, those towards
-    /// the tip are shown.
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one, none where there is no shaft yet. If there
+    /// are more than 65, those towards the tip are shown.
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,
@@ -560,8 +560,8 @@ impl NeedleShaft {
             format!("a diameter of {} mm; expected 0 or more", self.diameter_mm)
         } else if let Some(node) = self.nodes.iter().find(|node| !node.iter().all(|x| x.is_finite())) {
             format!("a node at {:?} mm; expected finite numbers", [node.x, node.y, node.z])
-        } else if self.nodes.len() < 2 {
-            format!("{} nodes; expected at least 2", self.nodes.len())
+        } else if self.nodes.len() == 1 {
+            "one node; expected two or more".to_owned()
         } else {
             return Ok(());
         };
@@ -629,8 +629,7 @@ pub enum NeedleView {
     Inside,
     /// None of it does, as it is beside the scan plane or beyond the edges of the sector.
     Outside {
-        /// Distance of its centre line from the sector, mm, to within a millimetre; infinite without a segment of
-        /// finite nodes.
+        /// Distance of its centre line from the sector, mm, to within a millimetre; infinite without nodes.
         distance_mm: f64,
     },
     /// The settings have no [`Effects::needle`](crate::effects::Effects::needle): it is not drawn.

@@ -559,7 +559,7 @@ fn wrong_tables_and_states_of_a_host_are_refused() {
     for (wrong, words) in [
         (shaft(&nodes, -1.0), "a diameter of -1 mm"),
         (shaft(&nodes, f64::NAN), "a diameter of NaN mm"),
-        (shaft(&nodes[..1], 1.0), "1 nodes"),
+        (shaft(&nodes[..1], 1.0), "one node"),
         (
             shaft(&[nodes[0], Point3::new(0.0, f64::NAN, 9.0)], 1.0),
             "a node at [0.0, NaN, 9.0] mm",

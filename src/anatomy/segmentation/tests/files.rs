@@ -9,7 +9,10 @@ fn real_files_say_what_they_said() {
         ("ts_example_seg.nii.gz", &[][..]),
         ("ts_example_seg_full.nii.gz", &[]),
         ("ts_spine_totalseg.nii.gz", &[]),
-        ("Segmentation.seg.nrrd", &[]),
+        (
+            "Segmentation.seg.nrrd",
+            &["label 7 (tissue) is taken for the body: 14.4 l that enclose all other labels"],
+        ),
         (
             "DERIVED_ts_example_body_labels.nii.gz",
             &["66 labels without names are read by the numbers of TotalSegmentator"],
