@@ -16,6 +16,7 @@ use insonify_anatomy::volume::{Label, LabelVolume, save};
 use insonify_base::note::Note;
 use insonify_base::range::numbers;
 use insonify_base::stage;
+use insonify_base::text::some_of;
 use insonify_mesh::TetMesh;
 use insonify_mesh::file::{MeshFileError, ReadOptions, SURFACES, Unit, read_mesh, write_vtu_with};
 use insonify_tracking::calibrate::poses::Poses;

@@ -317,9 +317,14 @@ fn a_run_that_is_cut_off_is_resumed_to_the_same_bytes() {
         bench.run(&other).fails(2, &["cut: --resume: the run there has", words]);
     }
     bench.write("drawn.toml", &scene.replace("seed = 7", "seed = 8"));
-    bench
-        .run(&format!("{render} -o cut --resume"))
-        .fails(2, &["made_by.inputs[", "drawn.toml\"].blake3", "scene.randomise.seed 7, not 8"]);
+    bench.run(&format!("{render} -o cut --resume")).fails(
+        2,
+        &[
+            "made_by.inputs[",
+            "drawn.toml\"].blake3",
+            "scene.randomise.seed 7, not 8",
+        ],
+    );
     bench.write("drawn.toml", &scene);
     assert_eq!(hidden_pictures(&bench.path("cut")), kept);
     let run = bench.run(&format!("{render} -o cut --resume --json"));

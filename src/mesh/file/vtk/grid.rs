@@ -99,9 +99,9 @@ pub(super) fn wanted(of_points: bool, arrays: &[Array], options: &ReadOptions) -
         (false, None) => REGION_NAMES.iter().find_map(|name| named(name)),
     };
     match first {
-        None if !of_points && options.region.is_none() => {
-            (0..arrays.len()).filter(|index| arrays[*index].is_of_labels()).collect()
-        }
+        None if !of_points && options.region.is_none() => (0..arrays.len())
+            .filter(|index| arrays[*index].is_of_labels())
+            .collect(),
         first => first.into_iter().collect(),
     }
 }
@@ -228,8 +228,9 @@ impl Grid {
             let shown: Vec<String> = shown.map(|array| format!("`{}`", array.name)).collect();
             (!shown.is_empty()).then(|| some_of(&shown))
         };
-        let of_cells = names(&self.cell_arrays, |array| array.components == 1)
-            .map(|names| format!("cell arrays: {names}; all regions are 0: choose with `region_array` or --region-array"));
+        let of_cells = names(&self.cell_arrays, |array| array.components == 1).map(|names| {
+            format!("cell arrays: {names}; all regions are 0: choose with `region_array` or --region-array")
+        });
         let of_points = names(&self.point_arrays, Array::is_of_labels).map(|names| {
             format!(
                 "point arrays of whole numbers: {names}; all regions are 0: ParaView's filter Point Data to Cell Data (with \

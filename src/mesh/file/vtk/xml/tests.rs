@@ -159,9 +159,14 @@ fn regions_are_the_only_whole_array_of_vtu() {
         format!("format='ascii'>{}</DataArray>", numbers.join(" "))
     };
     let [cells, points] = [mesh.elements().len(), mesh.nodes().len()];
-    let ids = format!("<DataArray type='Int32' Name='GlobalElementId' {}", numbers(cells, cells));
+    let ids = format!(
+        "<DataArray type='Int32' Name='GlobalElementId' {}",
+        numbers(cells, cells)
+    );
     let of_points = format!("<DataArray type='Int32' Name='organ' {}", numbers(points, 3));
-    let both = text.replace("\"labels\"", "\"MaterialIDs\"").replace("<CellData>", &format!("<CellData>{ids}"));
+    let both = text
+        .replace("\"labels\"", "\"MaterialIDs\"")
+        .replace("<CellData>", &format!("<CellData>{ids}"));
     let both = read(both.as_bytes()).unwrap();
     assert_eq!(both.mesh, file.mesh);
     assert!(both.warnings[0].contains("`MaterialIDs`"), "{:?}", both.warnings);
@@ -170,7 +175,10 @@ fn regions_are_the_only_whole_array_of_vtu() {
     let ids_alone = format!("{}<CellData>{ids}{}", &text[..start], &text[end..]);
     let ids_alone = ids_alone.replace("</PointData>", &format!("{of_points}</PointData>"));
     let hint = read(ids_alone.as_bytes()).unwrap().region_hint.unwrap();
-    assert!(hint.contains("`GlobalElementId`") && hint.contains("numbers: `organ`"), "{hint}");
+    assert!(
+        hint.contains("`GlobalElementId`") && hint.contains("numbers: `organ`"),
+        "{hint}"
+    );
     assert!(hint.contains("Point Data to Cell Data"), "{hint}");
     // An array that is not wanted is not decoded.
     assert_eq!(read(broken.as_bytes()).unwrap().mesh, file.mesh);
