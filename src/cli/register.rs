@@ -201,7 +201,8 @@ impl Register {
         if self.no_complete {
             return Ok((opened.volume, labels));
         }
-        let completed = complete(&opened.volume, &CompleteOptions::default())?;
+        let completed = complete(&opened.volume, &CompleteOptions::default());
+        let completed = completed.map_err(|error| error.in_file(&self.volume))?;
         about_file(&completed.note);
         completed.warning.iter().for_each(terminal::warn);
         Ok((completed.volume.undivided().clone(), labels))

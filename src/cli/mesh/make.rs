@@ -124,7 +124,9 @@ impl Make {
         if self.phantom.is_some() {
             notes.push("the phantom is meshed as it is, outside left out".to_owned());
         } else if self.labels.is_empty() && !self.no_complete {
-            let completed = stage::during("completing the body", || complete(&volume, &CompleteOptions::default()))?;
+            let completed = stage::during("completing the body", || complete(&volume, &CompleteOptions::default()));
+            let path = inputs.first().map_or(Path::new(""), PathBuf::as_path);
+            let completed = completed.map_err(|error| error.in_file(path))?;
             volume = completed.volume.undivided().clone();
             notes.push(completed.note);
             warnings.extend(completed.warning);
