@@ -392,7 +392,7 @@ fn poses_in_ras_are_turned_and_offered() {
     ));
     assert!(!says(&nowhere.warnings, &["RAS"]));
     // Which axes are assumed matters with a registration, too.
-    let near = recorded("", "tracker_to_world = \"1 0 0 40 0 1 0 140 0 0 1 0 0 0 0 1\"", linear).expect("scene");
+    let near = recorded("", "tracker_to_world = \"1 0 0 1 0 1 0 0 0 0 1 0 0 0 0 1\"", "").expect("scene");
     assert!(says(&near.notes, &["taken as LPS"]), "{:?}", near.notes);
 }
 
