@@ -542,8 +542,8 @@ fn check_finite(state: &FrameState) -> Result<(), SynthError> {
 /// Shaft of a needle, or a seed, in the world.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NeedleShaft {
-    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one, none where there is no shaft yet. If there
-    /// are more than 65, those towards the tip are shown.
+    /// Nodes of the shaft, mm, hub first and tip last; two for a straight one, none where there is no shaft yet. If
+    /// there are more than 65, those towards the tip are shown.
     pub nodes: Vec<Point3<f64>>,
     /// Diameter, mm.
     pub diameter_mm: f64,
@@ -579,8 +579,8 @@ impl NeedleShaft {
     }
 }
 
-/// State that varies from frame to frame. All positions are in the world, the probe at most 1e6 mm from its origin: they
-/// are in double precision, and are translated near 0 before they are rounded.
+/// State that varies from frame to frame. All positions are in the world, the probe at most 1e6 mm from its origin:
+/// they are in double precision, and are translated near 0 before they are rounded.
 #[derive(Clone, Debug)]
 pub struct FrameState {
     /// Frame number; it seeds the additive noise.

@@ -106,7 +106,8 @@ pub struct LevelChange {
     pub seconds: f64,
 }
 
-/// Deformed tissue, from which an image is made. Of the crate `insonify` it is `MovedTissue`; `Tissue` is acoustic there.
+/// Deformed tissue, from which an image is made. Of the crate `insonify` it is `MovedTissue`; `Tissue` is
+/// acoustic there.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Tissue {
     /// Node positions in the reference state, mm. Remeshing moves them.

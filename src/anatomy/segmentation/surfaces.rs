@@ -25,7 +25,7 @@ const VOXELS_ALONG: f64 = 256.0;
 const LARGEST_MM: f64 = 1.0;
 /// Space around organs without a body, in which one is closed, mm.
 const AROUND_MM: f64 = 40.0;
-/// Length below which a body is likely to be in centimetres, mm: between that of torsos in centimetres and small animals.
+/// Length below which a body is likely to be in centimetres, mm: between torsos in centimetres and small animals.
 const SMALL_BODY_MM: f64 = 60.0;
 /// Voxels around a body.
 const RIM: f64 = 2.0;

@@ -259,8 +259,8 @@ impl SceneFile {
         }
     }
 
-    /// The `tracker_to_world` of the probe's sequence, for a needle in the world whose `transform` leads where that of the
-    /// probe does, in the same axes.
+    /// The `tracker_to_world` of the probe's sequence, for a needle in the world whose `transform` leads where that of
+    /// the probe does, in the same axes.
     fn tracker_of_probe(&self, transform: &str, world: World, notes: &mut Notes) -> Option<Rows> {
         const KEY: &str = "needle.motion.sequence: `tracker_to_world`";
         let motion = self.motion.as_ref()?;
