@@ -129,7 +129,7 @@ pub(super) fn volume(mut header: Header, axis: usize) -> Result<Loaded, VolumeEr
     let is_claimed = |channel: &usize| sets.channels.iter().any(|set| set.contains(channel));
     let is_hidden = |channel: &usize| labelled.labels[channel + 1].voxels == 0 && is_claimed(channel);
     let hidden = (0..names.len()).filter(is_hidden).count();
-    if !is_fastest && 2 * hidden > names.len() && grid.size[0] < count {
+    if !is_fastest && 2 * hidden >= names.len() && grid.size[0] < count {
         let found = format!("{count} masks in axis {axis}, {hidden} of which others cover wholly");
         let instead = format!(
             "the masks seem to be the {} entries of axis 0: save them along the last axis (numpy.moveaxis(masks, 0, -1))",
