@@ -486,8 +486,9 @@ fn forces_along_the_needle_and_stress_are_known() {
     assert!(model.stress_kpa().is_none());
 }
 
-/// Until it breaks, an even half-space of 10 kPa gives way to a needle as to a rigid punch of the radius of the patch,
-/// F (1 - nu^2) / (2 a E), in coarse meshes and in fine ones; a point, without a patch, the farther the finer they are.
+/// Until it breaks, an even block of 10 kPa gives way to a needle in any mesh as far, a little less than a half-space does
+/// to a rigid punch of the radius of the patch, F (1 - nu^2) / (2 a E), as its far sides are held; a point, without a
+/// patch, gives way the farther the finer the mesh is.
 #[test]
 fn a_surface_gives_way_as_under_a_punch_in_any_mesh() {
     const BREAKS_N: f64 = 0.3;
@@ -529,8 +530,11 @@ fn a_surface_gives_way_as_under_a_punch_in_any_mesh() {
         f64::NAN
     };
     let punch_mm = 1e3 * BREAKS_N * (1.0 - poisson * poisson) / (2.0 * patch_mm * young_kpa);
-    for nodes in [1000, 4000, 10000, 20000] {
-        let dent = dent_mm(nodes, patch_mm);
-        println!("{nodes}: {dent} mm for {punch_mm}, at a point {}", dent_mm(nodes, 0.0));
-    }
+    let dents = [4000, 8000, 16000].map(|nodes| [patch_mm, 0.0].map(|patch_mm| dent_mm(nodes, patch_mm)));
+    println!("{dents:?} mm for {punch_mm} mm");
+    let of_patch = dents.map(|[patch, _]| patch / punch_mm);
+    assert!(of_patch.iter().all(|dent| (0.75..1.0).contains(dent)), "{of_patch:?}");
+    let [least, most] = [f64::min, f64::max].map(|of| of_patch.into_iter().reduce(of).unwrap());
+    assert!(most < 1.15 * least, "{of_patch:?}");
+    assert!(dents[2][1] > 1.5 * dents[0][1], "{dents:?}");
 }

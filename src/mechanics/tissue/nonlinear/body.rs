@@ -1,6 +1,6 @@
 //! Body of nonlinear triangles or tetrahedra: its forces and their derivatives.
 
-use nalgebra::DMatrix;
+use nalgebra::{DMatrix, Vector3};
 
 use super::invariants::{relative_strain, von_mises};
 use super::simplex::{Simplex, orientation};
@@ -303,6 +303,19 @@ impl<const D: usize, const N: usize> NonlinearBody<D, N> {
             .map(|gradient| dot(gradient, offset));
         weights[0] += 1.0;
         weights
+    }
+
+    /// Returns the edge of the cube, or square, of which an element is a part as those of a lattice are, mm.
+    pub(crate) fn cell_mm(&self, element: usize) -> f64 {
+        let place = |node: u32| Vector3::from_fn(|axis, _| self.nodes[node as usize].get(axis).copied().unwrap_or(0.0));
+        let corners = &self.elements[element];
+        let side = |corner: usize| place(corners[corner]) - place(corners[0]);
+        let across = side(1).cross(&side(2));
+        if D == 2 {
+            across.norm().sqrt()
+        } else {
+            across.dot(&side(N - 1)).abs().cbrt()
+        }
     }
 
     /// Returns the relative strain of each element under displacements (mm).
