@@ -173,6 +173,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "whether boundaries are smooth is asked before labels are searched for bone that they lose",
     ),
     (
+        "imaging/scene/vary.rs",
+        &["needle", "texture"],
+        "parameters by frame that change nothing, or make textures anew, are told",
+    ),
+    (
         "imaging/rf/scatterers.rs",
         &["shadow", "speckle", "texture"],
         "echoes have the beam widths, losses and textures of the scene's effects",

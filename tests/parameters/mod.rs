@@ -204,6 +204,7 @@ fn schemas_of_tables_have_their_ranges() {
     agree::<paths::MotionSpec>(json!({}));
     agree::<paths::BreathingSpec>(json!({}));
     agree::<paths::PulseSpec>(json!({}));
+    agree::<paths::PressSpec>(json!({}));
     agree::<paths::NeedleTable>(json!({}));
     agree::<paths::BendingSpec>(json!({ "entry_mm": [0, 0, 0], "entry_direction": [0, 1, 0] }));
     agree::<VolumeSpec>(json!({}));

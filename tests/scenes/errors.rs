@@ -203,7 +203,7 @@ fn tables_that_do_not_go_together_are_explained() {
     check(&small("[deform]"), "[deform]", &["neither `field` nor `mesh`"]);
     check(
         &small(
-            "[pose]\ntarget = \"liver\"\n[[motion.keyframes]]\ntime_s = 0\nposition_mm = [0,0,0]\ndirection = [0,1,0]",
+            "[pose]\ntarget = \"liver\"\nrock_deg = 5\n[[motion.keyframes]]\ntime_s = 0\nposition_mm = [0,0,0]\ndirection = [0,1,0]",
         ),
         "[pose]",
         &["`[motion]`"],

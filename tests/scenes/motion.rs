@@ -950,7 +950,7 @@ fn breaths_that_cannot_be_meant_are_refused() {
 #[test]
 fn a_pressed_probe_dents_the_skin_and_what_is_soft_below() {
     let at_rest = resolve(&small("")).expect("scene");
-    let pressed = resolve(&small("[motion.press]\ndepth_mm = 8\n")).expect("scene");
+    let pressed = resolve(&small("[motion.press]\nindent_mm = 8\n")).expect("scene");
     assert_eq!(pressed.frames(), 1);
     let way = pressed.probe_pose(0, 1).position_mm() - at_rest.probe_pose(0, 1).position_mm();
     let along = at_rest.probe_pose(0, 1).axial().into_inner();
@@ -968,7 +968,8 @@ fn a_pressed_probe_dents_the_skin_and_what_is_soft_below() {
         .map(|(rest, node)| (Point3::from(*node) - Point3::from(*rest)).dot(&along))
         .collect();
     let farthest_mm = ways.iter().copied().fold(0.0, f64::max);
-    assert!((4.0..8.0 + 1e-6).contains(&farthest_mm), "{farthest_mm} mm");
+    // Skin that lies behind the array at rest is pushed farther by that.
+    assert!((8.0..13.0).contains(&farthest_mm), "{farthest_mm} mm");
     for (corners, region) in mesh.elements().iter().zip(mesh.regions()) {
         if pressed.anatomy.tissues.tissue(*region as u8).name == "bone" {
             assert!(corners.iter().all(|node| ways[*node as usize] == 0.0));
@@ -989,21 +990,21 @@ fn a_pressed_probe_dents_the_skin_and_what_is_soft_below() {
     assert!((told(&by_force).0 - 8.0).abs() < 0.3, "{:?}", told(&by_force));
     for (text, key) in [
         ("[motion.press]\n", "motion.press"),
-        ("[motion.press]\ndepth_mm = 8\nforce_n = 3\n", "motion.press"),
-        ("[motion.press]\ndepth_mm = 80\n", "motion.press.depth_mm"),
+        ("[motion.press]\nindent_mm = 8\nforce_n = 3\n", "motion.press"),
+        ("[motion.press]\nindent_mm = 80\n", "motion.press.indent_mm"),
         (
-            "[deform]\nmesh = \"m.vtu\"\n[motion.press]\ndepth_mm = 8\n",
+            "[deform]\nmesh = \"m.vtu\"\n[motion.press]\nindent_mm = 8\n",
             "motion.press",
         ),
         (
-            "[probe]\nkind = \"trus-sagittal\"\n[motion.press]\ndepth_mm = 8\n",
+            "[probe]\nkind = \"trus-sagittal\"\n[motion.press]\nindent_mm = 8\n",
             "motion.press",
         ),
     ] {
         assert_eq!(fault(&small(text)).key(), Some(key), "{text}");
     }
     assert_eq!(
-        fault(&small(&format!("{LINE}[motion.press]\ndepth_mm = 8\n"))).key(),
+        fault(&small(&format!("{LINE}[motion.press]\nindent_mm = 8\n"))).key(),
         Some("motion.press")
     );
 }

@@ -352,7 +352,9 @@ mod tests {
         let mr: Vec<i16> = (0..1400).collect();
         let echoes: Vec<i16> = (-9000..9000).step_by(10).collect();
         for grey in [mr, echoes] {
-            assert!(save(&grey).contains("is this a grey image rather than a label map?"));
+            assert!(
+                save(&grey).contains("is this a grey image, such as a reconstructed volume, rather than a label map?")
+            );
         }
     }
 

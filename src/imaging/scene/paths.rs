@@ -50,17 +50,17 @@ parameters! {
 }
 
 parameters! {
-    /// Pressing of a probe at rest: its face dents the skin by linear elasticity. One of `depth_mm` and `force_n`.
+    /// Pressing of a probe at rest: its face dents the skin by linear elasticity. One of `indent_mm` and `force_n`.
     pub struct PressSpec {
         /// Way of the probe along its beam, from its pose on.
         #[serde(skip_serializing_if = "Option::is_none")]
-        depth_mm: Option<f64>, in 0..=50 "mm";
+        indent_mm: Option<f64>, in 0..=50 "mm";
         /// Force on the body, in place of a way.
         #[serde(skip_serializing_if = "Option::is_none")]
         force_n: Option<f64>, above 0..=200 "N";
         /// Width of the face across the image. Default 10.
         #[serde(skip_serializing_if = "Option::is_none")]
-        width_mm: Option<f64>, in 1..=100 "mm";
+        face_mm: Option<f64>, in 1..=100 "mm";
     }
 }
 

@@ -76,7 +76,7 @@ impl SceneFile {
             let found = "`motion.press` with `deform.mesh`";
             return Err(self.wrong_keys(key, found, "one of them: pressing needs a mesh of the labels"));
         }
-        let face = Face::new(pose, grid, spec.width_mm.unwrap_or(USUAL_WIDTH_MM));
+        let face = Face::new(pose, grid, spec.face_mm.unwrap_or(USUAL_WIDTH_MM));
         let nodes = self
             .deform
             .as_ref()
@@ -84,11 +84,11 @@ impl SceneFile {
             .unwrap_or(DEFAULT_NODES);
         let mesh = mesh_of_labels(body, nodes as usize, &face).map_err(|error| self.fault("deform.nodes", error))?;
         let press = Press::new(body, &mesh, &face);
-        let pressed = match (spec.depth_mm, spec.force_n) {
+        let pressed = match (spec.indent_mm, spec.force_n) {
             (Some(depth_mm), None) => press.to_depth(depth_mm),
             (None, Some(force_n)) => press.with_force(force_n),
             _ => {
-                let found = "neither or both of `depth_mm` and `force_n`";
+                let found = "neither or both of `indent_mm` and `force_n`";
                 return Err(self.wrong_keys(key, found, "one of them"));
             }
         };

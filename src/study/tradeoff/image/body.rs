@@ -15,7 +15,7 @@ use nalgebra::Matrix4;
 /// Motions, each with the frame in which they are largest, of a number.
 const MOTIONS: [(&str, &str, [usize; 2]); 2] = [
     ("breathing", "[motion.breathing]\nrate_per_min = 15\n", [1, 3]),
-    ("pressing", "[motion.press]\ndepth_mm = 10\n", [0, 1]),
+    ("pressing", "[motion.press]\nindent_mm = 10\n", [0, 1]),
 ];
 
 struct Variant {
