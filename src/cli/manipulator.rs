@@ -373,7 +373,7 @@ impl Workspace {
                 path.map(|driven| guide.needle(&driven.command).tip_mm).collect()
             }
             Err(error) => {
-                terminal::warn(&format!("the needle's motion is not drawn: {error}"));
+                terminal::warn(format_args!("the needle's motion is not drawn: {error}"));
                 Vec::new()
             }
         };
