@@ -8,6 +8,7 @@ use insonify::input::scenario::ScenarioFile;
 use insonify_anatomy::registration::surface;
 use insonify_base::output::png;
 use insonify_base::range::numbers;
+use insonify_base::text::some_of;
 use insonify_imaging::overview::overview;
 use insonify_imaging::synth::FrameState;
 use insonify_mesh::file::Unit;
@@ -217,8 +218,12 @@ fn point_in(path: &Path) -> Result<[f64; 3], Error> {
         let found = format!("{}: found {} points", path.display(), read.points.len());
         return Err(usage(found, "save the target alone, or give it as X,Y,Z"));
     };
+    let name = path.display();
+    if !read.left_out.is_empty() {
+        let kinds = some_of(&read.left_out);
+        terminal::note(format_args!("{name}: markups of other kinds are left out: {kinds}"));
+    }
     if read.guessed_ras {
-        let name = path.display();
         terminal::note(format_args!(
             "{name} does not state its axes: guessed as RAS, which 3D Slicer before 5 wrote"
         ));

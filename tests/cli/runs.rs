@@ -138,10 +138,27 @@ fn columns_beside_the_poses_are_parameters_of_their_frames() {
     ];
     bench.write("poses.csv", &(head.to_owned() + &rows.join("\n")));
     let scene = SCENE.to_owned() + "[motion]\ncsv = \"poses.csv\"\n";
-    bench.write("rows.toml", &scene);
-    bench
-        .run("render rows.toml --backend cpu --layers depth --sidecar -o rows")
-        .text();
+    // What the path is to show is told in the manifest, and has to be there.
+    bench.write("rows.toml", &format!("{scene}[pose]\ntarget = \"phantom_top\"\n"));
+    let run = bench.run("render rows.toml --backend cpu --layers depth --sidecar -o rows");
+    run.text();
+    assert!(run.stderr.contains("solid textures are made anew"), "{run:?}");
+    assert!(bench.text("rows/manifest.csv").contains(",phantom_top,"));
+    bench.write("other.toml", &format!("{scene}[pose]\ntarget = \"liver\"\n"));
+    bench.run("render other.toml -o x").fails(2, &["pose.target", "liver"]);
+    // One of these seeds in all rows makes them once.
+    let seeds = rows.map(|row| row.rsplit_once(',').expect("a seed").0.to_owned() + ",4294967301");
+    bench.write("poses.csv", &(head.to_owned() + &seeds.join("\n")));
+    let run = bench.run("render rows.toml --backend cpu -o once/");
+    assert!(run.status == Some(0) && !run.stderr.contains("made anew"), "{run:?}");
+    bench.write("poses.csv", &(head.to_owned() + &rows.join("\n")));
+    bench.run("render rows.toml --gain-db 30 -o x").fails(
+        2,
+        &[
+            "`effects.tone.gain_db` differs from frame to frame",
+            "expected one of the two",
+        ],
+    );
     let first = parameters_of(&bench, "rows/frame_0000");
     let expected = [
         ("effects.tone.curve", Value::from("linear")),

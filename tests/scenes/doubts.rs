@@ -100,6 +100,18 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
             "[randomise]\nliver.attenuation_db_cm_mhz = { uniform = [0.4, 0.6] }".to_owned(),
         ),
         (
+            "[randomise]\neffects.needle.thickness_mm = { uniform = [1, 3] }".to_owned(),
+            &["`effects.needle.thickness_mm` changes nothing", "has no needle"],
+            "[needle]\ntip_mm = [-38, -40, -16]\nentry_mm = [-38, -94, -16]\n\
+             [randomise]\neffects.needle.thickness_mm = { uniform = [1, 3] }"
+                .to_owned(),
+        ),
+        (
+            "[probe]\ndepth_mm = 16\n[pose]\ntarget = \"kidney\"".to_owned(),
+            &["is nowhere within 16 mm of the skin in sight", "it begins at"],
+            "[probe]\ndepth_mm = 140\n[pose]\ntarget = \"kidney\"".to_owned(),
+        ),
+        (
             "[needle]\ntip_mm = [-38, -94, -16]\nentry_mm = [-38, -40, -16]".to_owned(),
             &["comes from within the body", "entry and its tip exchanged"],
             "[needle]\ntip_mm = [-38, -40, -16]\nentry_mm = [-38, -94, -16]".to_owned(),

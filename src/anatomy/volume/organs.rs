@@ -165,6 +165,17 @@ mod tests {
     }
 
     #[test]
+    fn a_saved_body_is_told_from_one_that_was_drawn() {
+        let mut saved = volume(&[1, 2, 3], &["background", "fat", "soft tissue", "skin"]);
+        for (label, value) in saved.labels[1..].iter_mut().zip(BODY_VALUES) {
+            (label.value, label.voxels) = (value, 1);
+        }
+        assert!(saved.is_of_saved_body());
+        saved.drawn_into = vec![None, Some(0), Some(0), Some(0)];
+        assert!(!saved.is_of_saved_body());
+    }
+
+    #[test]
     fn nothing_drawn_changes_nothing() {
         let file = volume(&[0, 1, 2], &["background", "a", "b"]);
         let (same, warning) = file.clone().by_organ(&file).unwrap();

@@ -14,7 +14,6 @@ use super::check::Framing;
 use super::file::{PoseTable, SceneFile};
 use super::target::Body;
 use crate::effects::EffectsTable;
-use crate::effects::table::Stated;
 use crate::synth::tables::{FrameSettings, Settings};
 use insonify_anatomy::acoustics::{TissueOverride, TissueTable, presets};
 use insonify_anatomy::volume::LabelVolume;
@@ -365,10 +364,12 @@ impl SceneFile {
         if path.starts_with("effects.needle.") && self.needle.is_none() {
             doubts.push(format!("`{path}` changes nothing: the scene has no needle"));
         }
+        let mut has_textures = false;
         for (index, value) in extremes.iter().enumerate() {
             let alone = Parameters::from([(path.clone(), value.clone())]);
             let checked = variation.with(&alone).and_then(|file| {
-                file.framing(variation.plus.as_ref(), &mut Notes::default(), &mut doubts)?;
+                let framing = file.framing(variation.plus.as_ref(), &mut Notes::default(), &mut doubts)?;
+                has_textures |= framing.effects.texture.is_some();
                 for tissue in &file.tissue {
                     let changed = tissue.apply().map_err(InputError::new)?;
                     doubts.extend(tissue.doubt(&changed));
@@ -377,10 +378,6 @@ impl SceneFile {
             });
             checked.map_err(|error| fault(index, error.cause().to_string()))?;
         }
-        let has_textures = self
-            .effects
-            .as_ref()
-            .is_none_or(|effects| effects.texture != Some(Stated::Switch(false)));
         let lower = |value: &Value| value.as_u64().map(|seed| seed & u64::from(u32::MAX));
         if path == "seed" && has_textures && extremes.iter().any(|value| lower(value) != lower(&extremes[0])) {
             doubts.push(

@@ -9,7 +9,6 @@ use nalgebra::{Point3, Vector3};
 use super::nonlinear_tissue::NonlinearTissue;
 use super::regions::Regions;
 use super::resolve::Scenario;
-use super::tissue::PATCH_MM;
 use super::tissue_setup::TissueSetup;
 use insonify_base::document::InputError;
 use insonify_mechanics::insertion::nonlinear::{NonlinearOptions, Plane};
@@ -97,7 +96,8 @@ impl Scenario {
                 fixed: plane.fixed(&clamped, sheet.nodes().len()),
                 viscosity: solid.and_then(|tissue| tissue.viscosity),
                 stress: false,
-                patch_mm: self.file.tissue.patch_mm.unwrap_or(PATCH_MM),
+                // Per thickness of a sheet a strip dents otherwise than a disk does a solid.
+                patch_mm: 0.0,
                 options: solid.map_or_else(NonlinearOptions::default, |tissue| tissue.options),
             },
             plane: Arc::new(Plane {

@@ -79,7 +79,7 @@ const RINGS: usize = 8;
 const OF_RING: usize = 24;
 
 /// Radius of the patch that gives way as far as linear elements under a force at a point do, over the edge of their
-/// cells: 0.65 to 0.73 on lattices of 2.6 to 5.3 mm, whose dents the test of a half-space prints.
+/// cells: fitted, so that an even block gives way alike in lattices of cells of 3 to 5 mm.
 const OF_EDGE: f64 = 0.7;
 
 #[derive(Clone, Debug)]
