@@ -300,9 +300,7 @@ impl<const D: usize, const N: usize> Nonlinear<D, N> {
         let tip = self.line.tip();
         let depth = self.needle.tip_depth_mm();
         let inside = self.axis.as_ref().filter(|_| depth > 0.0 && !self.needle.is_outside());
-        // Tissue that has moved across the needle is not at the tip, but what lay beside it.
-        let aside = Vector3::from(self.frame.in_world(&self.needle.across(depth)));
-        let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner() - aside);
+        let at_rest = inside.map(|axis| axis.entry + depth * axis.direction.into_inner());
         if let Some(position) = at_rest.filter(|_| instruments.deposit) {
             self.seeds.push(position);
             self.note(EventKind::Seed, self.region);

@@ -224,11 +224,6 @@ impl<const D: usize, const N: usize> Pushing<D, N> {
             .along(self.structure.displacement())
     }
 
-    /// Returns the displacement across the line of the tissue at a depth, mm.
-    pub fn across(&self, depth_mm: f64) -> [f64; D] {
-        self.line.across(self.body(), depth_mm, self.structure.displacement())
-    }
-
     /// Returns the state of the needle and of the body, as [`Structure::export_state`] does.
     ///
     /// # Errors

@@ -303,24 +303,6 @@ impl<const D: usize> Line<D> {
         }
     }
 
-    /// Returns the displacement of the tissue at a depth across the line, mm; `displacement` is that of all nodes.
-    pub(super) fn across<const N: usize>(
-        &self,
-        body: &NonlinearBody<D, N>,
-        depth: f64,
-        displacement: &[f64],
-    ) -> [f64; D] {
-        let mut sum = [0.0; D];
-        if let Some((element, _, weights)) = self.find(body, depth) {
-            for (node, weight) in body.elements()[element].iter().zip(weights) {
-                let first = D * *node as usize;
-                (0..D).for_each(|axis| sum[axis] += weight * displacement[first + axis]);
-            }
-        }
-        let along: f64 = sum.iter().zip(&self.direction).map(|(a, b)| a * b).sum();
-        std::array::from_fn(|axis| sum[axis] - along * self.direction[axis])
-    }
-
     /// Returns the points that represent the shaft down to a depth, with the start and end of their pieces.
     pub(super) fn pieces(&self, depth: f64) -> impl Iterator<Item = (&Contact, f64, f64)> {
         let pieces = self.points.iter().enumerate().map(move |(index, point)| {
