@@ -39,8 +39,8 @@ const MAX_TGC_DB_CM: f64 = 30.0;
 
 const EXAMPLES: &str = "\
 Scatterers are fixed to the tissue at rest and move with its mesh, so that the phase of the echoes follows the motion. The pulse has a
-Gaussian envelope; beam widths and focus are those of effects.speckle, losses those of effects.shadow, textures those of effects.texture, and
-lines, depth and centre frequency those of the probe. Other effects do not act on echoes.
+Gaussian envelope; losses are those of effects.shadow, textures those of effects.texture, and lines, depth, centre frequency, bandwidth and
+beam widths those of the probe, with widths and focus that effects.speckle states. Other effects do not act on echoes.
 
 Examples:
   insonify rf scene.toml -o rf.igs.mha --frames 20                 echoes of a scene, 16 bits, as PLUS reads them (RF_REAL)
@@ -72,9 +72,9 @@ pub(crate) struct Rf {
     /// Centre frequency [default: that of the probe]
     #[arg(long, value_name = "MHZ")]
     frequency_mhz: Option<f64>,
-    /// Fractional bandwidth of the pulse at half maximum
-    #[arg(long, value_name = "SHARE", default_value_t = 0.6)]
-    bandwidth: f64,
+    /// Fractional bandwidth of the pulse at half maximum [default: that of the probe]
+    #[arg(long, value_name = "SHARE")]
+    bandwidth: Option<f64>,
     /// Sampling rate [default: 8 samples a period, or as the file states]
     #[arg(long, value_name = "MHZ")]
     sampling_mhz: Option<f64>,
@@ -287,7 +287,7 @@ impl Rf {
     fn acquisition(&self, probe: &Probe) -> Acquisition {
         let usual = Acquisition::new(self.frequency_mhz.unwrap_or(probe.frequency_mhz));
         Acquisition {
-            bandwidth: self.bandwidth,
+            bandwidth: self.bandwidth.unwrap_or(probe.transducer().bandwidth),
             snr_db: self.snr_db,
             per_cell: self.scatterers,
             sampling_mhz: self.sampling_mhz.unwrap_or(usual.sampling_mhz),

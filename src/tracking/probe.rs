@@ -3,11 +3,13 @@
 //! The probe frame has its origin at the centre of the transducer array, x lateral towards the marked side, y axial
 //! into the body, z = x cross y. Sample `i` of a scanline lies `(i + 0.5) * depth / samples` millimetres along it.
 
+mod aperture;
 mod beam;
 mod image_grid;
 mod kind;
 mod spec;
 
+pub use aperture::{Aperture, Apodisation, Transducer};
 pub use beam::{BeamGrid, Bounds, Ray};
 pub use image_grid::{ImageGrid, OUTSIDE, scan_map};
 pub use kind::Site;
@@ -56,6 +58,8 @@ pub struct Probe {
     pub lines: u32,
     /// Number of samples along each scanline (1 to 16384).
     pub samples: u32,
+    /// Aperture, pulse and lens, as far as they are stated.
+    pub aperture: Aperture,
 }
 
 impl ProbeKind {
@@ -78,6 +82,7 @@ impl ProbeKind {
             frequency_mhz: self.usual_frequency_mhz(),
             lines: spec::DEFAULT_LINES,
             samples: spec::DEFAULT_SAMPLES,
+            aperture: Aperture::default(),
         }
     }
 
@@ -131,6 +136,7 @@ impl Probe {
             frequency_mhz: shape.kind().usual_frequency_mhz(),
             lines: spec::DEFAULT_LINES,
             samples: spec::DEFAULT_SAMPLES,
+            aperture: Aperture::default(),
         };
         probe.validate()?;
         Ok(probe)
@@ -145,6 +151,7 @@ impl Probe {
                 depth_mm: Some(self.depth_mm),
                 ..Sampling::default()
             },
+            aperture: Aperture::default(),
         }
     }
 
@@ -152,7 +159,8 @@ impl Probe {
     /// angle or depth is not.
     pub fn validate(&self) -> Result<(), TrackingError> {
         self.shape.check()?;
-        in_ranges("probe", &ProbeSpec::from(*self).sampling)
+        in_ranges("probe", &ProbeSpec::from(*self).sampling)?;
+        in_ranges("probe", &self.aperture)
     }
 }
 
@@ -168,6 +176,7 @@ pub(crate) mod tests {
             frequency_mhz: 5.0,
             lines: 33,
             samples: 40,
+            aperture: Aperture::default(),
         });
         probes.to_vec()
     }

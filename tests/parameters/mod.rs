@@ -28,7 +28,7 @@ use insonify_study::identification;
 use insonify_study::material_case::CaseFile;
 use insonify_tracking::TrackingError;
 use insonify_tracking::manipulator::{Guide, drive::Drive};
-use insonify_tracking::probe::{BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling};
+use insonify_tracking::probe::{Aperture, BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling};
 use schemars::{JsonSchema, SchemaGenerator, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
@@ -152,14 +152,14 @@ fn schemas_say_what_other_tables_accept() {
             shape.numbers().len()
         );
     }
-    assert_eq!(
-        assert_true(schema_for!(Sampling).as_value(), |key, value| {
+    for (of_all, numbers) in [(schema_for!(Sampling), 4), (schema_for!(Aperture), 7)] {
+        let found = assert_true(of_all.as_value(), |key, value| {
             let mut table = json!({ "kind": "linear", "width_mm": 40, "depth_mm": 60 });
             table[key] = value;
             Probe::try_from(read::<ProbeSpec>(table)?).map(drop).map_err(text)
-        }),
-        4
-    );
+        });
+        assert_eq!(found, numbers);
+    }
 }
 
 #[test]

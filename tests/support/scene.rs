@@ -21,6 +21,7 @@ pub(crate) fn probe(shape: ProbeShape, depth_mm: f64, lines: u32, samples: u32) 
         frequency_mhz: 5.0,
         lines,
         samples,
+        aperture: Default::default(),
     }
 }
 

@@ -3,7 +3,7 @@
 use std::error::Error;
 
 use insonify::Probe;
-use insonify::probe::{BeamGrid, Bounds, ProbeKind, ProbeShape, ProbeSpec, Ray};
+use insonify::probe::{Aperture, BeamGrid, Bounds, ProbeKind, ProbeShape, ProbeSpec, Ray};
 use insonify::tracking::TrackingError;
 use serde_json::{Map, Value};
 
@@ -36,6 +36,13 @@ pub(super) fn files() -> Result<Vec<(String, String)>, Box<dyn Error>> {
          the probes of the examples, the array in bold; x, towards the marked side, points to the right and y, into the body, down. \
          Those of a full circle overlap opposite to y, so that the frame has no seam there.",
     ));
+    let of_all = schemars::schema_for!(Aperture).to_value();
+    let keys = of_all["properties"].as_object().cloned().unwrap_or_default();
+    let source = Source::read("src/tracking/probe/aperture.rs".to_owned())?;
+    let lead = format!(
+        "{lead}\nKeys of all kinds, from which the point spread follows:\n{}",
+        source.key_table(&keys, &of_all)
+    );
     let text = page("Kinds of probes", &lead, ["kind", "what it is"], &entries);
     files.insert(0, ("probes.md".to_owned(), text));
     Ok(files)

@@ -43,7 +43,10 @@ parameters! {
     }
 }
 
-impl Parameters for Blur {}
+impl Parameters for Blur {
+    // What moves the beam sideways is part of the point spread: a mean of envelopes evens speckle out.
+    const USUAL: bool = false;
+}
 
 impl Blur {
     /// Full width at half maximum at a depth, mm: by default 0.6 mm and 0.06 mm/cm at 3.5 MHz, in proportion to the

@@ -53,18 +53,18 @@ parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
     /// as measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
     pub struct Speckle {
-        /// Axial length, mm. Default: 2.8 mm over the frequency in MHz.
+        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz.
         axial_mm: Option<f64>, in 0.05..=10;
-        /// Lateral length at the focus, mm. Default: 5.25 mm over the frequency in MHz, and for phased probes at least
-        /// the diffraction limit of an aperture of 20 mm.
+        /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
+        /// probe.
         lateral_mm: Option<f64>, in 0.05..=20;
-        /// Elevational length, mm. Default: 6.3 mm over the frequency in MHz. Limited to 4 times the shortest of the
-        /// three lengths.
+        /// Elevational length, mm. Default: that of the probe at the focus of its lens. Limited to 4 times the shortest
+        /// of the three lengths.
         elevational_mm: Option<f64>, in 0.05..=20;
-        /// Depth of the lateral focus, mm. Default: half the imaging depth.
+        /// Depth of the lateral focus, mm. Default: the transmit focus of the probe.
         focus_mm: Option<f64>, in 0..=1000;
         /// Distance from the focus at which the lateral length has grown by sqrt 2, mm: the Rayleigh length of a
-        /// Gaussian beam. Default: 175 mm over the frequency in MHz.
+        /// Gaussian beam. Default, where `lateral_mm` is stated: 175 mm over the frequency in MHz.
         focal_zone_mm: Option<f64>, in 1..=10000;
     }
 }
@@ -131,8 +131,8 @@ pub(crate) fn key<'a>(_: &TissueTable, settings: &Settings, grid: &'a BeamGrid) 
 }
 
 /// Makes the lattice and the kernels.
-pub(crate) fn derive(_: &Anatomy, &(spread, grid): &Key) -> Result<Derived, SynthError> {
-    Ok(spread.map(|spread| SpeckleTables::new(spread, grid)))
+pub(crate) fn derive(_: &Anatomy, (spread, grid): &Key) -> Result<Derived, SynthError> {
+    Ok(spread.clone().map(|spread| SpeckleTables::new(spread, grid)))
 }
 
 /// Per fine scanline and sample: complex echo (`vec2<f32>`).

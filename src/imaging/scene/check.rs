@@ -176,6 +176,7 @@ fn usual_probe(phantom: Option<Phantom>) -> Result<Probe, TrackingError> {
             depth_mm: Some(usual.depth_mm),
             ..Sampling::default()
         },
+        ..ProbeSpec::default()
     })
 }
 

@@ -95,6 +95,7 @@ impl<'a> Bench<'a> {
             frequency_mhz: probe_shape.kind().usual_frequency_mhz(),
             lines: lines as u32,
             samples: samples as u32,
+            aperture: Default::default(),
         };
         let probe = Probe {
             lines: (FINER * lines).min(FINEST[0]) as u32,

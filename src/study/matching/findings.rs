@@ -147,7 +147,7 @@ impl Bench<'_> {
         };
         add(
             "frequency",
-            "an axial length is that of a bandwidth, at any frequency; frequency_mhz is the one whose default point spread is as long",
+            "an axial length is that of a bandwidth, at any frequency; frequency_mhz is the one at which frames of scanners are as long",
         );
         add(
             "attenuation",
@@ -159,7 +159,7 @@ impl Bench<'_> {
         );
         add(
             "dynamic range by itself",
-            "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve and a blur of 0.4 lateral lengths",
+            "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve without blur",
         );
         add("elevational width", "a frame shows one plane; it follows the frequency");
         add("ring-down", "it lies above the windows; it has its default");

@@ -1,17 +1,16 @@
 //! Parameters to estimate, and the effects built from them.
 
 use insonify_base::statistics::mean;
-use insonify_imaging::effects::point_spread::{self, PointSpread};
+use insonify_imaging::effects::point_spread::PointSpread;
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use insonify_imaging::effects::tone::{MID_GREY, Tone};
-use insonify_imaging::effects::{Effects, blur::Blur, speckle::Speckle};
+use insonify_imaging::effects::{Effects, speckle::Speckle};
 use insonify_tracking::probe::Probe;
 
-/// Width of the blur per lateral length, that of the defaults: 2.1 mm over 5.25 mm at 1 MHz.
-const BLUR_WIDTH: f64 = 0.4;
-/// Growth of the blur per lateral length, 1/cm, that of the defaults: 0.21 mm/cm over 5.25 mm at 1 MHz.
-const BLUR_GROWTH_PER_CM: f64 = 0.04;
+/// Axial length in frames of scanners, whose filters leave less than the bandwidth of the probe, at 1 MHz, mm: 0.8 mm at
+/// 3.5 MHz, 0.3 mm at 10 MHz, in phantoms and muscle.
+const AXIAL_MM: f64 = 2.8;
 /// Relative spread of lateral widths over depth below which they count as constant.
 const CONSTANT: f64 = 0.05;
 
@@ -38,7 +37,7 @@ impl Model {
     pub(super) fn start(probe: &Probe) -> Self {
         let spread = PointSpread::new(&Speckle::default(), probe);
         Self {
-            axial_mm: spread.axial_mm,
+            axial_mm: AXIAL_MM / probe.frequency_mhz,
             lateral_mm: spread.lateral_mm,
             focus_mm: spread.focus_mm,
             focal_zone_mm: 1e4,
@@ -47,10 +46,10 @@ impl Model {
         }
     }
 
-    /// Returns the frequency whose default point spread has this axial length, MHz, limited to the range of clinical
+    /// Returns the frequency at which frames of scanners have this axial length, MHz, limited to the range of clinical
     /// probes.
     fn frequency_mhz(&self) -> f64 {
-        rounded((point_spread::AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
+        rounded((AXIAL_MM / self.axial_mm).clamp(1.0, 20.0))
     }
 
     pub(super) fn tgc_db_cm(&self) -> f64 {
@@ -80,10 +79,6 @@ impl Model {
                 elevational_mm: None,
                 focus_mm: Some(rounded(self.focus_mm)),
                 focal_zone_mm: Some(rounded(self.focal_zone_mm)),
-            }),
-            blur: Some(Blur {
-                width_mm: Some(rounded(BLUR_WIDTH * lateral)),
-                growth_mm_cm: Some(rounded(BLUR_GROWTH_PER_CM * lateral).min(5.0)),
             }),
             receiver: Some(Receiver {
                 noise_db: rounded(self.receiver.noise_db),

@@ -154,7 +154,7 @@ fn errors(case: &Known, result: &Match) -> [f64; 4] {
     ]
 }
 
-/// The frames have the default blur of their frequency and a default lateral length, as the match assumes.
+/// The frames are not blurred, as the match assumes.
 #[test]
 fn known_settings_are_found_again() {
     let phased = ProbeShape::Phased(Phased { angle_deg: 84.0 });

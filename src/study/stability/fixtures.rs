@@ -609,6 +609,7 @@ pub fn settings(shape: ProbeShape, depth_mm: f64, [lines, samples]: [u32; 2], ef
         frequency_mhz: 5.0,
         lines,
         samples,
+        aperture: Default::default(),
     };
     let mut settings = Settings::new(probe, [64, 48], effects);
     settings.seed = 0x5eed_0000_0001;

@@ -2,6 +2,7 @@
 
 use insonify_base::range::parameters;
 
+use super::aperture::UsualAperture;
 use super::kind::{Kind, Layout, Site};
 
 parameters! {
@@ -19,6 +20,12 @@ impl Kind for Curvilinear {
     const NAME: &'static str = "curvilinear";
     const USUAL_MHZ: f64 = 3.5;
     const SITE: Site = Site::Skin;
+    // Elements of the C5-2v (D. Garcia 2022, as for `ELEMENT`).
+    const APERTURE: UsualAperture = UsualAperture {
+        f_numbers: [3.0, 1.75],
+        height_mm: 13.5,
+        lens_focus_mm: 60.0,
+    };
     const USUAL: Self = Self {
         radius_mm: 60.0,
         angle_deg: 70.0,

@@ -6,6 +6,8 @@ use insonify_base::range::Ranges;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
+use super::aperture::UsualAperture;
+
 /// Place of the array of a probe.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Site {
@@ -34,6 +36,24 @@ pub(super) enum Layout {
     },
 }
 
+impl Layout {
+    /// Length of the array, mm.
+    pub(super) fn array_mm(self) -> f64 {
+        match self {
+            Self::Parallel { width } => width,
+            Self::Fan { radius, half } => 2.0 * half * radius,
+        }
+    }
+
+    /// Radius of the array, mm; `None` of a straight one.
+    pub(super) fn radius_mm(self) -> Option<f64> {
+        match self {
+            Self::Parallel { .. } => None,
+            Self::Fan { radius, .. } => Some(radius),
+        }
+    }
+}
+
 /// Angle on either side of half a turn by which the scanlines of a full circle overlap, radians: what spreads from
 /// scanline to scanline, as speckle and blur do, meets itself without a seam. Acoustic clutter, drawn scanline by
 /// scanline, has one.
@@ -50,6 +70,10 @@ pub(super) trait Kind: Ranges + Copy + Serialize + DeserializeOwned + schemars::
     const SITE: Site;
     /// See [`ProbeKind::shared_aperture_mm`](super::ProbeKind::shared_aperture_mm).
     const SHARED_APERTURE_MM: Option<f64> = None;
+    /// Usual f-numbers and lens. F-numbers are those at which elements as wide as [`Transducer::element_mm`]
+    /// (super::Transducer::element_mm) still receive well (V. Perrot et al., Ultrasonics 111 (2021) 106309), and
+    /// twice as large on transmission, for depth of field.
+    const APERTURE: UsualAperture;
     /// A usual probe of the kind.
     const USUAL: Self;
     /// Its usual imaging depth, mm.
@@ -68,6 +92,7 @@ pub(super) struct Facts {
     pub usual_depth_mm: f64,
     pub site: Site,
     pub shared_aperture_mm: Option<f64>,
+    pub aperture: UsualAperture,
     pub keys: fn() -> Vec<&'static str>,
     pub read: fn(&Numbers) -> Result<super::ProbeShape, serde::de::value::Error>,
     pub schema: fn() -> schemars::Schema,
@@ -84,6 +109,7 @@ impl Facts {
             usual_depth_mm: K::USUAL_DEPTH_MM,
             site: K::SITE,
             shared_aperture_mm: K::SHARED_APERTURE_MM,
+            aperture: K::APERTURE,
             keys: || K::RANGES.iter().map(|range| range.key).collect(),
             read: |numbers| {
                 let table = numbers.iter().copied();

@@ -2,6 +2,7 @@
 
 use insonify_base::range::parameters;
 
+use super::aperture::UsualAperture;
 use super::kind::{Kind, Layout, Site};
 
 parameters! {
@@ -19,6 +20,12 @@ impl Kind for Phased {
     const SITE: Site = Site::Skin;
     // That of adult cardiac probes.
     const SHARED_APERTURE_MM: Option<f64> = Some(20.0);
+    // Elements of the P4-2v (D. Garcia 2022, as for `ELEMENT`).
+    const APERTURE: UsualAperture = UsualAperture {
+        f_numbers: [2.5, 1.5],
+        height_mm: 14.0,
+        lens_focus_mm: 60.0,
+    };
     const USUAL: Self = Self { angle_deg: 80.0 };
     const USUAL_DEPTH_MM: f64 = 160.0;
     const EXAMPLE: Self = Self { angle_deg: 80.0 };

@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use insonify_base::range::parameters;
 
+use super::aperture::UsualAperture;
 use super::kind::{Kind, Layout, OVERLAP, Site};
 
 parameters! {
@@ -20,6 +21,12 @@ impl Kind for Radial {
     const NAME: &'static str = "radial";
     const USUAL_MHZ: f64 = 20.0;
     const SITE: Site = Site::Lumen;
+    // Elements of a catheter at 20 MHz, without a lens: focused far beyond the image.
+    const APERTURE: UsualAperture = UsualAperture {
+        f_numbers: [2.5, 1.5],
+        height_mm: 0.7,
+        lens_focus_mm: 1000.0,
+    };
     const USUAL: Self = Self { radius_mm: 1.0 };
     const USUAL_DEPTH_MM: f64 = 20.0;
     const EXAMPLE: Self = Self { radius_mm: 2.0 };

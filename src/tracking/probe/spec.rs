@@ -9,6 +9,7 @@ use serde::de::{self, MapAccess, Visitor};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use serde_json::{Map, Value, json};
 
+use super::aperture::Aperture;
 use super::kind::Numbers;
 use super::{Probe, ProbeKind, ProbeShape};
 use crate::TrackingError;
@@ -60,6 +61,9 @@ pub struct ProbeSpec {
     /// Keys of every kind.
     #[serde(flatten)]
     pub sampling: Sampling,
+    /// Aperture, pulse and lens.
+    #[serde(flatten)]
+    pub aperture: Aperture,
 }
 
 parameters! {
@@ -91,7 +95,7 @@ fn keys() -> &'static [&'static str] {
                 keys.push(key);
             }
         }
-        keys.extend(Sampling::RANGES.iter().map(|range| range.key));
+        keys.extend(Sampling::KEYS.iter().chain(Aperture::KEYS));
         keys
     });
     &KEYS
@@ -178,6 +182,7 @@ impl TryFrom<ProbeSpec> for Probe {
             frequency_mhz: frequency_mhz.unwrap_or(kind.usual_frequency_mhz()),
             lines: lines.unwrap_or(DEFAULT_LINES),
             samples: samples.unwrap_or(DEFAULT_SAMPLES),
+            aperture: spec.aperture,
         };
         probe.validate()?;
         Ok(probe)
@@ -195,6 +200,7 @@ impl From<Probe> for ProbeSpec {
                 lines: Some(probe.lines),
                 samples: Some(probe.samples),
             },
+            aperture: probe.aperture,
         }
     }
 }
@@ -238,13 +244,21 @@ impl<'de> Visitor<'de> for Table {
                 return Err(de::Error::duplicate_field(key));
             }
             stated.push(key);
-            let sampling = &mut spec.sampling;
+            let (sampling, aperture) = (&mut spec.sampling, &mut spec.aperture);
             match key {
                 "kind" => spec.kind = table.next_value()?,
                 "depth_mm" => sampling.depth_mm = table.next_value()?,
                 "frequency_mhz" => sampling.frequency_mhz = table.next_value()?,
                 "lines" => sampling.lines = table.next_value()?,
                 "samples" => sampling.samples = table.next_value()?,
+                "bandwidth" => aperture.bandwidth = table.next_value()?,
+                "aperture_mm" => aperture.aperture_mm = table.next_value()?,
+                "transmit_focus_mm" => aperture.transmit_focus_mm = table.next_value()?,
+                "transmit_f_number" => aperture.transmit_f_number = table.next_value()?,
+                "receive_f_number" => aperture.receive_f_number = table.next_value()?,
+                "apodisation" => aperture.apodisation = table.next_value()?,
+                "height_mm" => aperture.height_mm = table.next_value()?,
+                "lens_focus_mm" => aperture.lens_focus_mm = table.next_value()?,
                 _ => spec.set(key, table.next_value()?),
             }
         }
@@ -332,8 +346,9 @@ impl JsonSchema for ProbeSpec {
             })
         });
         let cases: Vec<Value> = cases.collect();
-        let sampling = schema_for!(Sampling).to_value();
-        properties.extend(sampling["properties"].as_object().cloned().unwrap_or_default());
+        for table in [schema_for!(Sampling), schema_for!(Aperture)] {
+            properties.extend(table.to_value()["properties"].as_object().cloned().unwrap_or_default());
+        }
         json_schema!({
             "description": "A probe: the keys of its kind, and those of every kind.",
             "type": "object",

@@ -2,6 +2,7 @@
 
 use insonify_base::range::parameters;
 
+use super::aperture::UsualAperture;
 use super::kind::{Kind, Layout, Site};
 
 parameters! {
@@ -17,6 +18,12 @@ impl Kind for TrusSagittal {
     const NAME: &'static str = "trus-sagittal";
     const USUAL_MHZ: f64 = 7.0;
     const SITE: Site = Site::Rectum;
+    // Elements of a linear array of a similar frequency.
+    const APERTURE: UsualAperture = UsualAperture {
+        f_numbers: [2.5, 1.5],
+        height_mm: 5.0,
+        lens_focus_mm: 18.0,
+    };
     const USUAL: Self = Self { length_mm: 60.0 };
     const USUAL_DEPTH_MM: f64 = 60.0;
     const EXAMPLE: Self = Self { length_mm: 40.0 };

@@ -2,6 +2,7 @@
 
 use insonify_base::range::parameters;
 
+use super::aperture::UsualAperture;
 use super::kind::{Kind, Layout, Site};
 
 parameters! {
@@ -19,6 +20,12 @@ impl Kind for TrusTransverse {
     const NAME: &'static str = "trus-transverse";
     const USUAL_MHZ: f64 = 7.0;
     const SITE: Site = Site::Rectum;
+    // Elements of a linear array of a similar frequency.
+    const APERTURE: UsualAperture = UsualAperture {
+        f_numbers: [2.5, 1.5],
+        height_mm: 5.0,
+        lens_focus_mm: 18.0,
+    };
     const USUAL: Self = Self {
         radius_mm: 10.0,
         angle_deg: 160.0,

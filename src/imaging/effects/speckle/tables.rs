@@ -2,7 +2,7 @@
 
 use super::elevation::Elevation;
 use super::power::{correlations, lattice_correlation, power, restored, unit_power};
-use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_SIGMA, gaussian};
+use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH};
 use crate::effects::point_spread::PointSpread;
 use insonify_base::parallel;
 use insonify_base::real::Numbers;
@@ -37,9 +37,17 @@ pub struct SpeckleTables {
     pub edges: Numbers,
 }
 
-/// Lattice points per shortest standard deviation of the point spread: at 1.5 the linear interpolation between points
-/// contributes 3/8 of the spread's variance (h^2 / 6), which is subtracted from the kernels.
-const LATTICE_PER_SIGMA: f64 = 1.5;
+/// Distance of lattice points over the shortest standard deviation of the point spread. Linear interpolation between
+/// points widens it in speckle, by a variance of h^2 / 6, and not around a single echo: at 1.25 the axial kernel, which
+/// a flat spectrum makes wider around an echo than in speckle, has the same length in both to within 3 %.
+const LATTICE_PER_SIGMA: f64 = 1.25;
+
+/// Variance of the axial kernel over that of a Gaussian with the same length in speckle, and the share of the squared
+/// distance of lattice points that is subtracted from it: solved numerically for that length.
+const FLAT_VARIANCE: f64 = 2.11;
+const FLAT_LATTICE: f64 = 0.261;
+/// Standard deviations to each side at which the axial kernel ends: there it is below 1 % of its peak.
+const FLAT_REACH: f64 = 3.5;
 
 /// Maximum number of sub-planes in the parameter block.
 pub(super) const MAX_PLANES: usize = 8;
@@ -68,12 +76,12 @@ impl SpeckleTables {
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let requested = left(spread.axial_mm) / sample_mm;
-        let axial_sigma = requested.min(MAX_SIGMA);
-        // Three standard deviations from its peak a Gaussian is at 1 %.
-        let axial_reach = (3.0 * axial_sigma).ceil() as usize;
+        let gaussian_variance = (spread.axial_mm / FWHM_PER_SIGMA).powi(2);
+        let variance = FLAT_VARIANCE * gaussian_variance - FLAT_LATTICE * lattice_mm * lattice_mm;
+        let requested = variance.sqrt() / sample_mm;
+        let axial_sigma = requested.min(MAX_REACH as f64 / FLAT_REACH);
         let along = |steps: f64| correlation(steps * sample_mm);
-        let axial = unit_power(gaussian(axial_sigma, axial_reach), along);
+        let axial = unit_power(flat(axial_sigma), along);
         let correlated = correlations(axial.len(), along);
         let ends = (0..grid.samples())
             .map(|sample| restored(&axial, sample, grid.samples(), &correlated))
@@ -159,6 +167,17 @@ impl SpeckleTables {
     pub(super) fn axial_reach(&self) -> usize {
         self.axial.of::<f64>().len() / 2
     }
+}
+
+/// Weights along the beam whose amplitude spectrum, (1 + k^2 / 2) exp(-k^2 / 2), is flat at its middle, as those of
+/// arrays are, and not a Gaussian's.
+fn flat(sigma: f64) -> Vec<f64> {
+    let reach = (FLAT_REACH * sigma).ceil() as i32;
+    let weight = |tap: i32| {
+        let squared = (f64::from(tap) / sigma).powi(2);
+        (1.5 - 0.5 * squared) * (-0.5 * squared).exp()
+    };
+    (-reach..=reach).map(weight).collect()
 }
 
 /// Response of the axial kernel to a step whose echo is shared by two samples.

@@ -123,6 +123,7 @@ fn probe(draw: &mut Draw) -> Probe {
         frequency_mhz: draw.within(2.0, 12.0),
         lines: 4 + draw.below(28) as u32,
         samples: 24 + draw.below(120) as u32,
+        aperture: Default::default(),
     };
     let valid = (0..MAX_DRAWS).find_map(|_| {
         let numbers = shape.numbers().into_iter();

@@ -72,6 +72,7 @@ fn uniform(effects: Effects) -> Settings {
         frequency_mhz: 7.0,
         lines: 256,
         samples: 512,
+        aperture: Default::default(),
     };
     let effects = Effects {
         tone: Some(Tone::linear()),

@@ -55,6 +55,7 @@ fn settings(boundary: Boundary, [lines, samples]: [u32; 2]) -> Settings {
         frequency_mhz: 7.0,
         lines,
         samples,
+        aperture: Default::default(),
     };
     Settings::new(probe, [480; 2], effects)
 }

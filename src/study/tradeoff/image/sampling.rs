@@ -57,7 +57,7 @@ const VARIANTS: [Variant; 3] = [
     Variant {
         name: "blur",
         keep: |effects| Effects {
-            blur: effects.blur.clone(),
+            blur: Some(Default::default()),
             ..bare(effects)
         },
         grids: LINES,
