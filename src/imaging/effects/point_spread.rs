@@ -55,6 +55,8 @@ pub struct PointSpread {
     pub lateral_mm: f64,
     /// Elevational length: if it is not stated, that at the focus of the lens.
     pub elevational_mm: f64,
+    /// Whether it is stated.
+    pub is_elevational_stated: bool,
     /// Depth of the transmit focus, mm.
     pub focus_mm: f64,
     /// Distance from the focus at which the lateral length has grown by sqrt 2, mm, if the lateral length is stated.
@@ -83,6 +85,7 @@ impl PointSpread {
             elevational_mm: speckle
                 .elevational_mm
                 .unwrap_or_else(|| beam.elevational_at(transducer.lens_focus_mm)),
+            is_elevational_stated: speckle.elevational_mm.is_some(),
             focus_mm,
             focal_zone_mm: is_stated.then(|| speckle.focal_zone_mm.unwrap_or_else(zone_mm)),
             beam,

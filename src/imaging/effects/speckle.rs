@@ -58,8 +58,8 @@ parameters! {
         /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
         /// probe.
         lateral_mm: Option<f64>, in 0.05..=20;
-        /// Elevational length, mm. Default: that of the probe at the focus of its lens. Limited to 4 times the shortest
-        /// of the three lengths.
+        /// Elevational length, mm, at most 4 times the shortest of the three lengths. Default: that of the probe at the
+        /// focus of its lens, at most 1.8 times the shortest.
         elevational_mm: Option<f64>, in 0.05..=20;
         /// Depth of the lateral focus, mm. Default: the transmit focus of the probe.
         focus_mm: Option<f64>, in 0..=1000;

@@ -49,6 +49,9 @@ const FLAT_LATTICE: f64 = 0.261;
 /// Standard deviations to each side at which the axial kernel ends: there it is below 1 % of its peak.
 const FLAT_REACH: f64 = 3.5;
 
+/// Elevational length in lattice distances that four sub-planes reach: more cost time, and do not show in one frame.
+const AFFORDED: f64 = 3.5;
+
 /// Maximum number of sub-planes in the parameter block.
 pub(super) const MAX_PLANES: usize = 8;
 
@@ -71,7 +74,8 @@ impl SpeckleTables {
             (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
         };
 
-        let elevation = Elevation::of_width(spread.elevational_mm / lattice_mm);
+        let widest = if spread.is_elevational_stated { f64::INFINITY } else { AFFORDED };
+        let elevation = Elevation::of_width((spread.elevational_mm / lattice_mm).min(widest));
         let plane_mm = elevation.spacing * lattice_mm;
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
