@@ -28,7 +28,9 @@ use insonify_study::identification;
 use insonify_study::material_case::CaseFile;
 use insonify_tracking::TrackingError;
 use insonify_tracking::manipulator::{Guide, drive::Drive};
-use insonify_tracking::probe::{Aperture, BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling};
+use insonify_tracking::probe::{
+    Aperture, BeamGrid, ImageGrid, Linear, Probe, ProbeKind, ProbeShape, ProbeSpec, Sampling,
+};
 use schemars::{JsonSchema, SchemaGenerator, schema_for};
 use serde::de::DeserializeOwned;
 use serde_json::{Value, json};

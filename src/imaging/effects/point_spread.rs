@@ -80,7 +80,9 @@ impl PointSpread {
         let lateral_mm = speckle.lateral_mm.unwrap_or_else(|| beam.lateral_at(focus_mm));
         let zone_mm = || (FOCAL_ZONE_MM / probe.frequency_mhz).clamp(1.0, 10_000.0);
         Self {
-            axial_mm: speckle.axial_mm.unwrap_or_else(|| pulse_mm(&transducer).clamp(0.05, 10.0)),
+            axial_mm: speckle
+                .axial_mm
+                .unwrap_or_else(|| pulse_mm(&transducer).clamp(0.05, 10.0)),
             lateral_mm,
             elevational_mm: speckle
                 .elevational_mm
@@ -158,10 +160,23 @@ impl Beam {
 
 /// Length across the scanlines at a depth, mm.
 fn lateral_mm(transducer: &Transducer, depth_mm: f64) -> f64 {
-    let Transducer { radius_mm, transmit_focus_mm, transmit_f_number, receive_f_number, .. } = *transducer;
+    let Transducer {
+        radius_mm,
+        transmit_focus_mm,
+        transmit_f_number,
+        receive_f_number,
+        ..
+    } = *transducer;
     let open = |focus_mm: f64, f_number: f64, apodisation: Apodisation| {
         let full_mm = (focus_mm / f_number).max(transducer.element_mm);
-        Points::new(transducer, radius_mm, full_mm, transducer.aperture_mm, focus_mm, apodisation)
+        Points::new(
+            transducer,
+            radius_mm,
+            full_mm,
+            transducer.aperture_mm,
+            focus_mm,
+            apodisation,
+        )
     };
     let transmit = open(transmit_focus_mm, transmit_f_number, Apodisation::None);
     let receive = open(depth_mm, receive_f_number, transducer.apodisation);
@@ -232,7 +247,9 @@ impl Points {
     ) -> Self {
         let wavelength_mm = transducer.wavelength_mm;
         let length_mm = full_mm.min(most_mm);
-        let count = (length_mm / (POINT_WAVELENGTHS * wavelength_mm)).ceil().clamp(POINTS.0, POINTS.1);
+        let count = (length_mm / (POINT_WAVELENGTHS * wavelength_mm))
+            .ceil()
+            .clamp(POINTS.0, POINTS.1);
         let point = |index: usize| {
             let along_mm = ((index as f64 + 0.5) / count - 0.5) * length_mm;
             let (place, normal) = match radius_mm {
@@ -275,7 +292,9 @@ impl Points {
             let late = PI * self.element_mm / self.wavelength_mm * sine;
             let directivity = if late.abs() < 1e-6 { 1.0 } else { late.sin() / late };
             let periods = (distance - to_focus - (depth_mm - self.focus_mm)) / self.wavelength_mm;
-            let [mut wave, step] = self.frequencies.map(|frequency| Complex::cis(-TAU * frequency * periods));
+            let [mut wave, step] = self
+                .frequencies
+                .map(|frequency| Complex::cis(-TAU * frequency * periods));
             wave *= weight * cosine * directivity / distance.sqrt();
             for sum in &mut sum {
                 *sum += wave;
@@ -329,7 +348,10 @@ mod tests {
     /// (2022) 106726), with its settings: 128 elements of L11-5v and of C5-2v, pulses of 55 % bandwidth.
     fn simulated(is_curved: bool, apodisation: Apodisation) -> PointSpread {
         let mut probe = if is_curved {
-            let shape = Curvilinear { radius_mm: 49.57, angle_deg: 74.6 };
+            let shape = Curvilinear {
+                radius_mm: 49.57,
+                angle_deg: 74.6,
+            };
             Probe::new(shape, 145.0).unwrap()
         } else {
             Probe::new(Linear { width_mm: 38.4 }, 45.0).unwrap()
@@ -410,7 +432,10 @@ mod tests {
         let spread = PointSpread::new(&Speckle::default(), &probe);
         let receive_alone = 1.207 * 160.0 * 0.616 / 20.0;
         let length = spread.lateral_at(160.0);
-        assert!((0.7..1.0).contains(&(length / receive_alone)), "{length} mm, {receive_alone} mm");
+        assert!(
+            (0.7..1.0).contains(&(length / receive_alone)),
+            "{length} mm, {receive_alone} mm"
+        );
     }
 
     #[test]
