@@ -60,14 +60,12 @@ impl LateralKernel {
             weights.iter_mut().for_each(|weight| *weight *= factor);
             weights
         };
-        Self {
-            least_share: if requested > widest { widest / requested } else { 1.0 },
-            ..Self::of(&(0..samples).map(weights).collect::<Vec<_>>())
-        }
+        let least_share = if requested > widest { widest / requested } else { 1.0 };
+        Self::of(&(0..samples).map(weights).collect::<Vec<_>>(), least_share)
     }
 
-    /// The kernel with these weights at each sample depth, an odd number of them.
-    pub(super) fn of(weights: &[Vec<f64>]) -> Self {
+    /// The kernel with these weights at each sample depth, an odd number of them, and this share of the requested width.
+    pub(super) fn of(weights: &[Vec<f64>], least_share: f64) -> Self {
         let reach = weights.iter().map(|weights| weights.len() / 2).max().unwrap_or(0);
         let samples = weights.len();
         let mut rows = vec![0.0; (2 * reach + 2) * samples];
@@ -81,7 +79,7 @@ impl LateralKernel {
         Self {
             reach,
             rows: Numbers::new(rows),
-            least_share: 1.0,
+            least_share,
             samples,
         }
     }
@@ -89,12 +87,6 @@ impl LateralKernel {
     /// Weights at one depth, from the scanline `reach` to the left to that `reach` to the right.
     pub fn at(&self, sample: usize) -> impl Iterator<Item = f64> + '_ {
         (1..=2 * self.reach + 1).map(move |row| self.rows.of::<f64>()[row * self.samples + sample])
-    }
-
-    /// Weights at one depth, as far as they reach there.
-    pub(super) fn near(&self, sample: usize) -> Vec<f64> {
-        let near = self.rows.of::<f64>()[sample] as usize;
-        self.at(sample).skip(self.reach - near).take(2 * near + 1).collect()
     }
 }
 

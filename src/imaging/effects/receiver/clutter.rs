@@ -72,7 +72,7 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
             parts: [re, im],
         });
     });
-    let across = LateralKernel::of(&across);
+    let across = LateralKernel::of(&across, 1.0);
     let all = [across.reach, 2 * across.reach + 1];
     let whole = (0..samples)
         .step_by(BLOCK)

@@ -3,7 +3,7 @@
 use super::elevation::Elevation;
 use super::power::{correlations, lattice_correlation, power, restored, unit_power};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH};
-use crate::effects::point_spread::PointSpread;
+use crate::effects::point_spread::{PointSpread, Shape};
 use insonify_base::parallel;
 use insonify_base::real::Numbers;
 use insonify_tracking::probe::BeamGrid;
@@ -38,16 +38,8 @@ pub struct SpeckleTables {
 }
 
 /// Distance of lattice points over the shortest standard deviation of the point spread. Linear interpolation between
-/// points widens it in speckle, by a variance of h^2 / 6, and not around a single echo: at 1.25 the axial kernel, which
-/// a flat spectrum makes wider around an echo than in speckle, has the same length in both to within 3 %.
+/// points widens it in speckle, by a variance of h^2 / 6, and not around a single echo: [`Shape`] makes up for that.
 const LATTICE_PER_SIGMA: f64 = 1.25;
-
-/// Variance of the axial kernel over that of a Gaussian with the same length in speckle, and the share of the squared
-/// distance of lattice points that is subtracted from it: solved numerically for that length.
-const FLAT_VARIANCE: f64 = 2.11;
-const FLAT_LATTICE: f64 = 0.261;
-/// Standard deviations to each side at which the axial kernel ends: there it is below 1 % of its peak.
-const FLAT_REACH: f64 = 3.5;
 
 /// Elevational length in lattice distances that four sub-planes reach: more cost time, and do not show in one frame.
 const AFFORDED: f64 = 3.5;
@@ -67,25 +59,30 @@ impl SpeckleTables {
         let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
         let lattice_mm = LATTICE_PER_SIGMA * shortest;
         let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
-        // Remaining width for a kernel after subtracting the variance of the lattice interpolation: its triangles of
-        // half-width h have h^2 / 6, and the variances of kernels in a row add.
-        let left = |length_mm: f64| {
-            let sigma = length_mm / FWHM_PER_SIGMA;
-            (sigma * sigma - lattice_mm * lattice_mm / 6.0).max(0.0).sqrt()
-        };
+        // Variance of the interpolation of the lattice, whose triangles have a half-width of one of its distances.
+        let interpolation_mm2 = lattice_mm * lattice_mm / 6.0;
 
-        let widest = if spread.is_elevational_stated { f64::INFINITY } else { AFFORDED };
+        let widest = if spread.is_elevational_stated {
+            f64::INFINITY
+        } else {
+            AFFORDED
+        };
         let elevation = Elevation::of_width((spread.elevational_mm / lattice_mm).min(widest));
         let plane_mm = elevation.spacing * lattice_mm;
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let gaussian_variance = (spread.axial_mm / FWHM_PER_SIGMA).powi(2);
-        let variance = FLAT_VARIANCE * gaussian_variance - FLAT_LATTICE * lattice_mm * lattice_mm;
-        let requested = variance.sqrt() / sample_mm;
-        let axial_sigma = requested.min(MAX_REACH as f64 / FLAT_REACH);
+        let requested = Shape::new(spread.axial_point_mm, spread.axial_mm, interpolation_mm2);
+        let axial_share = (MAX_REACH as f64 * sample_mm / requested.reach_mm()).min(1.0);
+        let pulse = Shape {
+            sigma_mm: axial_share * requested.sigma_mm,
+            ..requested
+        };
         let along = |steps: f64| correlation(steps * sample_mm);
-        let axial = unit_power(flat(axial_sigma), along);
+        let axial = unit_power(
+            weights(pulse.reach_mm() / sample_mm, |tap| pulse.weight(tap * sample_mm)),
+            along,
+        );
         let correlated = correlations(axial.len(), along);
         let ends = (0..grid.samples())
             .map(|sample| restored(&axial, sample, grid.samples(), &correlated))
@@ -103,24 +100,39 @@ impl SpeckleTables {
         // At the apex of a sector all scanlines meet: the least distance keeps widths in scanlines finite.
         let fine_mm =
             |sample: usize| (grid.lateral_spacing_mm(grid.sample_depth_mm(sample)) / oversampling as f64).max(1e-6);
-        let sigma = |sample: usize| left(spread.lateral_at(grid.sample_depth_mm(sample))) / fine_mm(sample);
         let across =
             |sample: usize, weights: &[f64]| correlations(weights.len(), |steps| correlation(steps * fine_mm(sample)));
-        let scale = |sample: usize, weights: &[f64]| 1.0 / power(weights, &across(sample, weights)).sqrt();
-        let lateral = LateralKernel::gaussian(grid.samples(), sigma, scale);
+        let row = |sample: usize| {
+            let (depth_mm, fine_mm) = (grid.sample_depth_mm(sample), fine_mm(sample));
+            let [point_mm, speckle_mm] = spread.lateral_lengths(depth_mm);
+            let requested = Shape::new(point_mm, speckle_mm, interpolation_mm2);
+            let share = (MAX_REACH as f64 * fine_mm / requested.reach_mm()).min(1.0);
+            let shape = Shape {
+                sigma_mm: share * requested.sigma_mm,
+                ..requested
+            };
+            let reach_mm = shape.reach_mm().max(spread.lobes_mm(depth_mm));
+            let mut row = weights(reach_mm / fine_mm, |tap| spread.across(&shape, depth_mm, tap * fine_mm));
+            let factor = 1.0 / power(&row, &across(sample, &row)).sqrt();
+            row.iter_mut().for_each(|weight| *weight *= factor);
+            (row, share)
+        };
+        let rows = parallel::map(0..grid.samples(), &row);
+        let least_share = rows.iter().fold(1.0f64, |least, (_, share)| least.min(*share));
+        let rows: Vec<Vec<f64>> = rows.into_iter().map(|(row, _)| row).collect();
+        let lateral = LateralKernel::of(&rows, least_share);
         let fine_lines = (grid.lines() - 1) * oversampling + 1;
-        let by_depth: Vec<Vec<f64>> = (0..grid.samples()).map(|sample| lateral.near(sample)).collect();
         let step = step_weight(&axial);
         // The kernels have unit power for scatterers, whose phases are random. A surface adds up coherently: its gain,
         // the sum of the weights and not the root of their squares, is undone.
-        let specular = by_depth
+        let specular = rows
             .iter()
             .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
             .collect();
         // Both ends of the array are alike: one row of factors serves either side.
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
         let edges_by_depth = parallel::map(0..grid.samples(), &|sample| {
-            let (weights, correlated) = (&by_depth[sample], across(sample, &by_depth[sample]));
+            let (weights, correlated) = (&rows[sample], across(sample, &rows[sample]));
             let edge = |line: usize| restored(weights, line * oversampling, fine_lines, &correlated);
             (0..edge_lines).map(edge).collect::<Vec<_>>()
         });
@@ -133,11 +145,7 @@ impl SpeckleTables {
             plane_mm,
             planes,
             axial: Numbers::new(axial),
-            axial_share: if requested > axial_sigma {
-                axial_sigma / requested
-            } else {
-                1.0
-            },
+            axial_share,
             ends: Numbers::new(ends),
             specular: Numbers::new(specular),
             lateral,
@@ -173,15 +181,10 @@ impl SpeckleTables {
     }
 }
 
-/// Weights along the beam whose amplitude spectrum, (1 + k^2 / 2) exp(-k^2 / 2), is flat at its middle, as those of
-/// arrays are, and not a Gaussian's.
-fn flat(sigma: f64) -> Vec<f64> {
-    let reach = (FLAT_REACH * sigma).ceil() as i32;
-    let weight = |tap: i32| {
-        let squared = (f64::from(tap) / sigma).powi(2);
-        (1.5 - 0.5 * squared) * (-0.5 * squared).exp()
-    };
-    (-reach..=reach).map(weight).collect()
+/// A kernel of an odd number of taps, as far as `reach` to each side and [`MAX_REACH`] at most.
+fn weights(reach: f64, weight: impl Fn(f64) -> f64) -> Vec<f64> {
+    let reach = reach.ceil().min(MAX_REACH as f64) as i32;
+    (-reach..=reach).map(|tap| weight(f64::from(tap))).collect()
 }
 
 /// Response of the axial kernel to a step whose echo is shared by two samples.
