@@ -24,11 +24,16 @@ const FOCAL_ZONE_MM: f64 = 175.0;
 /// curved one.
 const IN_SPECKLE: f64 = 0.94;
 
+/// Shortest axial length that samples show, in distances of samples: a shorter one would come out as dashes.
+const SHOWN_SAMPLES: f64 = 2.0;
+
 /// Lengths of the point spread, mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointSpread {
-    /// Axial length.
+    /// Axial length: if it is not stated, that of the pulse, and no less than two samples.
     pub axial_mm: f64,
+    /// Number of samples that would show the pulse, if those of the probe are too few and no axial length is stated.
+    pub samples_for_pulse: Option<u32>,
     /// Axial length of the amplitude around a point.
     pub(crate) axial_point_mm: f64,
     /// Lateral length at the focus.
@@ -57,11 +62,15 @@ impl PointSpread {
             (true, Some(_)) => Arc::default(),
             _ => Beam::of(&transducer, probe.depth_mm),
         };
-        let point_mm = pulse_mm(&transducer).clamp(0.05, 10.0);
+        let pulse_mm = (IN_SPECKLE * pulse_mm(&transducer)).clamp(0.05, 10.0);
+        let shown_mm = SHOWN_SAMPLES * probe.depth_mm / f64::from(probe.samples);
+        let is_coarse = speckle.axial_mm.is_none() && pulse_mm < shown_mm;
+        let axial_mm = speckle.axial_mm.unwrap_or(pulse_mm.max(shown_mm));
         let zone_mm = || (FOCAL_ZONE_MM / probe.frequency_mhz).clamp(1.0, 10_000.0);
         Self {
-            axial_mm: speckle.axial_mm.unwrap_or((IN_SPECKLE * point_mm).max(0.05)),
-            axial_point_mm: speckle.axial_mm.unwrap_or(point_mm),
+            axial_mm,
+            samples_for_pulse: is_coarse.then(|| (SHOWN_SAMPLES * probe.depth_mm / pulse_mm).ceil() as u32),
+            axial_point_mm: speckle.axial_mm.unwrap_or(axial_mm / IN_SPECKLE),
             lateral_mm: speckle.lateral_mm.unwrap_or_else(|| beam.at(focus_mm).speckle_mm),
             elevational_mm: speckle
                 .elevational_mm

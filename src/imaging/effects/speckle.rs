@@ -47,13 +47,14 @@ use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
-use insonify_tracking::probe::BeamGrid;
+use insonify_tracking::probe::{BeamGrid, Probe};
 
 parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
     /// as measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
     pub struct Speckle {
-        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz.
+        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz, and no less than two
+        /// samples.
         axial_mm: Option<f64>, in 0.05..=10;
         /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
         /// probe.
@@ -112,11 +113,26 @@ pub(crate) const EFFECT: Effect = Effect {
             let key = format!("effects.speckle.{key}");
             narrowed(&key, length.is_some(), share, finer, &tables.settings.probe)
         });
-        axial.into_iter().chain(lateral).collect()
+        axial
+            .into_iter()
+            .chain(lateral)
+            .chain(coarse(speckle, &tables.settings.probe))
+            .collect()
     },
     remove: Some(|_, settings| settings.effects.speckle = None),
     ..Effect::PLAIN
 };
+
+/// Note on samples that are too few for the pulse, unless they are the usual ones.
+fn coarse(speckle: &SpeckleTables, probe: &Probe) -> Option<String> {
+    let samples = speckle.spread.samples_for_pulse?;
+    (probe.samples != probe.shape.kind().usual().samples).then(|| {
+        format!(
+            "speckle is {:.2} mm long, two samples, and the pulse is shorter: probe.samples = {samples} shows it whole",
+            speckle.spread.axial_mm
+        )
+    })
+}
 
 /// Lattice and kernels of the speckle.
 pub(crate) type Derived = Option<SpeckleTables>;
@@ -263,15 +279,22 @@ fn fine_lines(tables: &Tables) -> usize {
 
 fn wanted(tables: &Tables) -> Wanted {
     match (&tables.settings.effects.speckle, &tables.effects.speckle) {
-        (Some(_), Some(derived)) => Yes(format!(
-            "speckle of {:.2} by {:.2} by {:.2} mm: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
-            derived.spread.axial_mm,
-            derived.spread.lateral_mm,
-            derived.spread.elevational_mm,
-            derived.lattice_mm,
-            derived.planes.len(),
-            derived.oversampling
-        )),
+        (Some(_), Some(derived)) => {
+            let spread = &derived.spread;
+            let longer = spread.samples_for_pulse.map(|samples| {
+                format!(" (a sample is longer than half of the pulse; probe.samples = {samples} shows it whole)")
+            });
+            Yes(format!(
+                "speckle of {:.2} by {:.2} by {:.2} mm{}: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
+                spread.axial_mm,
+                spread.lateral_mm,
+                spread.elevational_mm,
+                longer.unwrap_or_default(),
+                derived.lattice_mm,
+                derived.planes.len(),
+                derived.oversampling
+            ))
+        }
         _ => No("the scene names no speckle".into()),
     }
 }

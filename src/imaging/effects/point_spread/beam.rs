@@ -36,8 +36,8 @@ const IN_SIMULATION: f64 = 1.06;
 /// around a point.
 const LOBES: [f64; 3] = [1.25, 0.25, 12.0];
 
-/// Amplitude below which side lobes are left out, relative to the peak: -46 dB.
-pub(super) const LEAST: f64 = 0.005;
+/// Amplitude below which side lobes are left out, relative to the peak: -54 dB.
+const LEAST: f64 = 0.002;
 
 /// The beam by depth.
 #[derive(Debug, Default, PartialEq)]

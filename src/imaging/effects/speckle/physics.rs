@@ -4,7 +4,7 @@ use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::{Linear, ProbeShape};
+use insonify_tracking::probe::{Aperture, Apodisation, Curvilinear, Linear, ProbeShape};
 use nalgebra::{Matrix4, Vector3};
 
 use crate::support::anatomy::{self, PLAIN};
@@ -270,5 +270,90 @@ fn speckle_decorrelates_out_of_plane_and_between_seeds() {
             measured.abs() < limit,
             "{name}: correlation {measured} between seeds that differ in one high bit"
         );
+    }
+}
+
+/// Depths, and lengths in speckle with Hann weights and with equal ones: axial (of Hann), lateral, mm. Reference
+/// simulation by SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218 (2022) 106726) of the arrays L11-5v
+/// and C5-2v, a focused transmission per scanline, receive f-numbers 1.5 and 1.75.
+const LINEAR: [[f64; 4]; 5] = [
+    [12.0, 0.1506, 0.6821, 0.3335],
+    [18.0, 0.1466, 0.5333, 0.3219],
+    [24.0, 0.1402, 0.5062, 0.3280],
+    [30.0, 0.1602, 0.5777, 0.3458],
+    [36.0, 0.1504, 0.6932, 0.3575],
+];
+const CURVED: [[f64; 4]; 7] = [
+    [35.0, 0.3073, 1.710, 0.9552],
+    [50.0, 0.3123, 1.579, 1.010],
+    [65.0, 0.3067, 1.327, 0.9883],
+    [80.0, 0.3040, 1.432, 1.058],
+    [95.0, 0.3137, 1.597, 1.151],
+    [110.0, 0.3257, 1.998, 1.372],
+    [122.0, 0.3120, 2.163, 1.536],
+];
+
+/// Fields of an array of the simulation, whose samples and scanlines are as there.
+fn simulated(is_curved: bool, apodisation: Apodisation, count: u64) -> Vec<Beam> {
+    let (shape, depth_mm, lines, samples): (ProbeShape, _, _, _) = if is_curved {
+        let shape = Curvilinear {
+            radius_mm: 49.57,
+            angle_deg: 74.6,
+        };
+        (shape.into(), 145.0, 326, 2417)
+    } else {
+        (Linear { width_mm: 38.4 }.into(), 45.0, 193, 1800)
+    };
+    let mut probe = scene::probe(shape, depth_mm, lines, samples);
+    let (mhz, focus_mm) = if is_curved { (3.57, 75.0) } else { (7.6, 22.0) };
+    probe.frequency_mhz = mhz;
+    probe.aperture = Aperture {
+        bandwidth: Some(0.55),
+        transmit_focus_mm: Some(focus_mm),
+        apodisation: Some(apodisation),
+        ..Aperture::default()
+    };
+    let mut settings = scene::settings(probe, scene::bare());
+    settings.effects.speckle = Some(Speckle::default());
+    fields(&settings, precisions()[0].1, count)
+}
+
+#[test]
+fn arrays_have_the_speckle_of_a_simulator_of_waves() {
+    for (is_curved, rows) in [(false, &LINEAR[..]), (true, &CURVED)] {
+        for apodisation in [Apodisation::Hann, Apodisation::None] {
+            let beams = simulated(is_curved, apodisation, 3);
+            let sample_mm = if is_curved { 145.0 / 2417.0 } else { 0.025 };
+            for [depth_mm, axial_mm, hann_mm, none_mm] in rows {
+                let lateral_mm = if apodisation == Apodisation::Hann {
+                    hann_mm
+                } else {
+                    none_mm
+                };
+                let line_mm = if is_curved { 0.004 * (49.57 + depth_mm) } else { 0.2 };
+                let half_mm = if is_curved { 7.5 } else { 3.0 };
+                let window = ((depth_mm - half_mm) / sample_mm) as usize..((depth_mm + half_mm) / sample_mm) as usize;
+                let lengths = [
+                    (1, sample_mm, *axial_mm, 0.1),
+                    (beams[0].samples, line_mm, *lateral_mm, 0.15),
+                ];
+                for (stride, step_mm, expected_mm, within) in lengths {
+                    let correlation = autocorrelation(&beams, stride, 16, window.clone());
+                    let length_mm = full_width(&correlation, step_mm);
+                    let off = length_mm / expected_mm - 1.0;
+                    println!("{apodisation:?} {depth_mm} mm: {length_mm:.3} mm, simulated {expected_mm:.3}");
+                    assert!(
+                        off.abs() < within,
+                        "{apodisation:?} {depth_mm} mm: {length_mm}, not {expected_mm}"
+                    );
+                }
+            }
+            // Rayleigh: 1.913, and 5.57 dB.
+            let amplitudes: Vec<f64> = beams.iter().flat_map(|beam| beam.amplitude.iter().copied()).collect();
+            let ratio = mean(&amplitudes) / std(&amplitudes);
+            let levels: Vec<f64> = amplitudes.iter().map(|amplitude| 20.0 * amplitude.log10()).collect();
+            assert!((ratio - 1.913).abs() < 0.03, "mean over standard deviation {ratio}");
+            assert!((std(&levels) - 5.57).abs() < 0.1, "{} dB", std(&levels));
+        }
     }
 }
