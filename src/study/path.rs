@@ -186,7 +186,7 @@ pub fn resolved<E: From<Error>>(
         file.tissue.along_path = Some(false);
     }
     let guide = file.manipulator.take_if(|spec| spec.keyframes.is_empty());
-    let for_plans = |file: &ScenarioFile| {
+    let for_plans = |file: &ScenarioFile| -> Result<Scenario, E> {
         let mut scenario = resolve(file)?;
         scenario.file.manipulator = guide.clone().or(scenario.file.manipulator);
         Ok(scenario)
