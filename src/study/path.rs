@@ -172,8 +172,8 @@ impl PathOptions {
     }
 }
 
-/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, its own motion may
-/// be beyond its guide, and where that would choose the part of the volume that is meshed, the lines do.
+/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, its own motion
+/// may be beyond its guide, and where that would choose the part of the volume that is meshed, the lines do.
 ///
 /// # Errors
 /// Those of `resolve`, and [`Error`] for options out of range and a target that [`plan`] refuses.

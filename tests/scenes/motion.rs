@@ -1011,8 +1011,8 @@ fn a_pressed_probe_dents_the_skin_and_what_is_soft_below() {
 
 /// Under a linear probe a superficial vein gets flat, and an artery as deep hardly. What a round cylinder of other
 /// stiffness strains of what the muscle around it does is 2 / (1 + ratio of moduli) where neither changes its volume
-/// (Eshelby 1957): 0.34 for the artery, 1.85 for a vein whose blood could not move away. Moduli that a scene states hold
-/// for both.
+/// (Eshelby 1957): 0.34 for the artery, 1.85 for a vein whose blood could not move away. Moduli that a scene states
+/// hold for both.
 #[test]
 fn a_pressed_probe_flattens_veins_and_spares_arteries() {
     let names = ["muscle", "femoral_vein", "femoral_artery"];

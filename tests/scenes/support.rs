@@ -87,8 +87,8 @@ impl Labelled {
     }
 }
 
-/// Saves a volume of some extent and spacing (mm) about the origin whose labels 1, 2, ... have these names; one without a
-/// name is left out.
+/// Saves a volume of some extent and spacing (mm) about the origin whose labels 1, 2, ... have these names; one
+/// without a name is left out.
 pub(super) fn labelled(
     extent_mm: [f64; 3],
     spacing_mm: f64,

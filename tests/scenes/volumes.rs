@@ -100,8 +100,8 @@ fn a_target_is_a_label_of_the_file_before_a_drawn_one() {
     assert!(notes.contains("placed over portal_vein"), "{notes}");
 }
 
-/// The skin that closes a body around labels is that of no patient: where the probe is placed on it, other than from the
-/// front, this is told; not where the file has the skin.
+/// The skin that closes a body around labels is that of no patient: where the probe is placed on it, other than from
+/// the front, this is told; not where the file has the skin.
 #[test]
 fn a_place_on_invented_skin_is_told() {
     let placed = |names: [&str; 3]| {
