@@ -131,7 +131,7 @@ impl PathArgs {
             terminal::note("all lines share a mesh that is not finer along a path (`tissue.along_path = false`)");
         }
         file.adapter = Some(self.backend.choice());
-        let scenario = resolved(file, |file| resolve(file, &base))?;
+        let scenario = resolved(file, &options, |file| resolve(file, &base))?;
         let plan = terminal::with_share("simulating lines", |share| {
             plan(&scenario, &options, &|done, count| {
                 share(done as f64 / count.max(1) as f64);

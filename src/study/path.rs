@@ -172,22 +172,40 @@ impl PathOptions {
     }
 }
 
-/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, and its own
-/// motion may be beyond its guide.
+/// Resolves a scenario file for plans: its mesh is not finer along one path, which that would favour, its own motion
+/// may be beyond its guide, and where that would choose the part of the volume that is meshed, the lines do.
 ///
 /// # Errors
-/// Those of `resolve`.
-pub fn resolved<E>(
+/// Those of `resolve`, and [`Error`] for options out of range and a target that [`plan`] refuses.
+pub fn resolved<E: From<Error>>(
     mut file: ScenarioFile,
-    resolve: impl FnOnce(&ScenarioFile) -> Result<Scenario, E>,
+    options: &PathOptions,
+    resolve: impl Fn(&ScenarioFile) -> Result<Scenario, E>,
 ) -> Result<Scenario, E> {
     if file.tissue.mesh.is_none() && file.tissue.model.is_finer_along_path() {
         file.tissue.along_path = Some(false);
     }
     let guide = file.manipulator.take_if(|spec| spec.keyframes.is_empty());
-    let mut scenario = resolve(&file)?;
-    scenario.file.manipulator = guide.or(scenario.file.manipulator);
-    Ok(scenario)
+    let for_plans = |file: &ScenarioFile| -> Result<Scenario, E> {
+        let mut scenario = resolve(file)?;
+        scenario.file.manipulator = guide.clone().or(scenario.file.manipulator);
+        Ok(scenario)
+    };
+    let scenario = for_plans(&file)?;
+    let (Some([low, high]), None) = (scenario.meshed_mm(), file.tissue.box_mm) else {
+        return Ok(scenario);
+    };
+    let (_, target) = permitted(&scenario, options)?;
+    let around = Entries::new(&scenario, target, options, USUAL_MM_S)?.box_mm()?;
+    let holds =
+        |corners: &[[f64; 3]; 2]| (0..3).all(|axis| low[axis] <= corners[0][axis] && corners[1][axis] <= high[axis]);
+    match around.filter(|corners| !holds(corners)) {
+        Some(corners) => {
+            file.tissue.box_mm = Some(corners);
+            for_plans(&file)
+        }
+        None => Ok(scenario),
+    }
 }
 
 /// Plans paths to a target. `progress` receives the number of completed lines, and of all, and may say stop.
@@ -199,12 +217,11 @@ pub fn plan(
     options: &PathOptions,
     progress: &(dyn Fn(usize, usize) -> ControlFlow<()> + Sync),
 ) -> Result<PathPlan, Error> {
-    options.check()?;
     scenario.check_path_independent()?;
     if scenario.file.manipulator.is_some() {
         scenario.file.guide()?;
     }
-    let (name, target) = goal(scenario, &options.target)?;
+    let (name, target) = permitted(scenario, options)?;
     let mut notes = Vec::new();
     let speed_mm_s = options
         .speed_mm_s
@@ -215,14 +232,20 @@ pub fn plan(
             ));
             USUAL_MM_S
         });
-    candidates::permitted(scenario, &name, &target)?;
+    let meshed_mm = scenario
+        .meshed_mm()
+        .filter(|corners| corners.as_flattened().iter().all(|x| x.is_finite()));
+    if let (Some([low, high]), None) = (meshed_mm, options.section_mm) {
+        let [x, y, z] = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+        let nodes = scenario.mesh.nodes().len();
+        notes.push(format!(
+            "tissue is simulated within {x} x {y} x {z} mm around the lines, by {nodes} nodes (`tissue.box_mm`)"
+        ));
+    }
     let section = options
         .section_mm
         .map(|thickness| scenario.section(thickness))
         .transpose()?;
-    if section.is_some() {
-        candidates::in_plane(scenario, &target)?;
-    }
     let mut tissue = section.unwrap_or_else(|| scenario.clone());
     // Guides, deposits and changes of level belong to the insertion of
     // the scenario; each line is one of its own.
@@ -321,7 +344,18 @@ pub(super) fn miss_mm(scenario: &Scenario, course: &Course, target: &Point3<f64>
         .map(|sample| sample.miss.norm()))
 }
 
-/// Name and place of the target.
+/// Name and place of the target, which has to be one that a needle may reach.
+fn permitted(scenario: &Scenario, options: &PathOptions) -> Result<(String, Point3<f64>), Error> {
+    options.check()?;
+    let (name, target) = goal(scenario, &options.target)?;
+    candidates::permitted(scenario, &name, &target)?;
+    if options.section_mm.is_some() {
+        candidates::in_plane(scenario, &target)?;
+    }
+    Ok((name, target))
+}
+
+/// Name and place of a target.
 fn goal(scenario: &Scenario, goal: &Goal) -> Result<(String, Point3<f64>), Error> {
     let name = match goal {
         Goal::At(point) => return Ok(("the target".to_owned(), (*point).into())),

@@ -1,5 +1,6 @@
 //! Small scenes and what tests do with them.
 
+use insonify_anatomy::volume::{Label, LabelVolume, save};
 use insonify_base::document::InputError;
 use std::path::Path;
 
@@ -7,7 +8,7 @@ use insonify_imaging::effects::EffectName;
 use insonify_imaging::effects::table::Stated;
 use insonify_imaging::scene::{DEFAULT, Scene, SceneFile};
 use insonify_imaging::synth::{Backend, Frame, FrameState, Synthesizer};
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, Point3};
 
 /// A phantom scene that resolves in milliseconds, with more text behind it.
 pub(super) fn small(more: &str) -> String {
@@ -72,4 +73,53 @@ pub(super) fn uncommented() -> String {
         _ => line.to_owned(),
     };
     DEFAULT.lines().map(reveal).collect::<Vec<_>>().join("\n")
+}
+
+/// A label file in a folder of its own.
+pub(super) struct Labelled(tempfile::TempDir);
+
+impl Labelled {
+    /// A scene of the file, with more text behind it.
+    pub(super) fn scene(&self, more: &str) -> String {
+        let path = self.0.path().join("labels.nrrd").display().to_string();
+        let (volume, tables) = more.split_at(more.find('[').unwrap_or(more.len()));
+        format!("version = 2\n[volume]\nfile = {path:?}\n{volume}\n{tables}\n")
+    }
+}
+
+/// Saves a volume of some extent and spacing (mm) about the origin whose labels 1, 2, ... have these names; one
+/// without a name is left out.
+pub(super) fn labelled(
+    extent_mm: [f64; 3],
+    spacing_mm: f64,
+    names: &[&str],
+    label_at: impl Fn(Point3<f64>) -> u8,
+) -> Labelled {
+    let size = extent_mm.map(|mm| (mm / spacing_mm) as usize);
+    let first = extent_mm.map(|mm| 0.5 * (spacing_mm - mm));
+    let voxels = (0..size.iter().product::<usize>()).map(|voxel| {
+        let index = [voxel % size[0], voxel / size[0] % size[1], voxel / (size[0] * size[1])];
+        let label = label_at(
+            [0, 1, 2]
+                .map(|axis| first[axis] + spacing_mm * index[axis] as f64)
+                .into(),
+        );
+        if label > 0 && names[usize::from(label) - 1].is_empty() {
+            0
+        } else {
+            label
+        }
+    });
+    let voxels: Vec<u8> = voxels.collect();
+    let labels = (0u8..).zip([""].iter().chain(names)).map(|(label, name)| Label {
+        value: i64::from(label),
+        name: (!name.is_empty()).then(|| (*name).to_owned()),
+        voxels: voxels.iter().filter(|voxel| **voxel == label).count() as u64,
+    });
+    let labels = labels.collect();
+    let to_world = Matrix4::new_translation(&first.into()) * Matrix4::new_scaling(spacing_mm);
+    let volume = LabelVolume::new(size, voxels, labels, to_world).expect("a volume");
+    let folder = tempfile::tempdir().expect("a folder");
+    save(&volume, &folder.path().join("labels.nrrd")).expect("saved");
+    Labelled(folder)
 }

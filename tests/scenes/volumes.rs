@@ -4,8 +4,9 @@ use std::path::Path;
 
 use insonify_anatomy::volume::complete::Unlabelled;
 use insonify_imaging::scene::SceneFile;
+use nalgebra::Point3;
 
-use super::support::{data, fault, render, resolve, shrink, small, synthesizer, without_textures};
+use super::support::{data, fault, labelled, render, resolve, shrink, small, synthesizer, without_textures};
 
 #[test]
 fn a_label_file_alone_is_a_scene() {
@@ -74,6 +75,56 @@ fn a_target_is_found_by_name_part_and_value() {
     let sagittal = resolve(&small("[pose]\nplane = \"sagittal\"")).expect("scene");
     assert!(sagittal.probe_pose(0, 1).lateral().z < -0.7);
     assert!(sagittal.notes.join("\n").contains("placed over liver"));
+}
+
+/// A short vein of the file is a vein before the many that are drawn into the liver, of which a portal vein and a vena
+/// cava are the roots.
+#[test]
+fn a_target_is_a_label_of_the_file_before_a_drawn_one() {
+    let names = ["liver", "portal_vein_and_splenic_vein", "inferior_vena_cava"];
+    let file = labelled([160.0, 140.0, 140.0], 2.0, &names, |p| match p {
+        _ if (p.y - 20.0).hypot(p.x) < 5.0 && p.z < -40.0 => 2,
+        _ if (p.y - 45.0).hypot(p.x) < 10.0 => 3,
+        _ if (p.x / 70.0).powi(2) + (p.y / 60.0).powi(2) + (p.z / 60.0).powi(2) < 1.0 => 1,
+        _ => 0,
+    });
+    let scene = resolve(&file.scene("[pose]\ntarget = \"vein\"\n")).expect("scene");
+    let volume = &scene.anatomy.volume;
+    let voxels = |name: &str| {
+        let is_named = |label: &&u8| volume.labels()[usize::from(**label)].name.as_deref() == Some(name);
+        volume.voxels().iter().filter(is_named).count()
+    };
+    let (of_file, drawn) = (voxels(names[1]), voxels("hepatic_vein"));
+    assert!(of_file > 0 && drawn > of_file, "{of_file} voxels, {drawn} drawn");
+    let notes = scene.notes.join("\n");
+    assert!(notes.contains("placed over portal_vein"), "{notes}");
+}
+
+/// The skin that closes a body around labels is that of no patient: where the probe is placed on it, other than from
+/// the front, this is told; not where the file has the skin.
+#[test]
+fn a_place_on_invented_skin_is_told() {
+    let placed = |names: [&str; 3]| {
+        let file = labelled([160.0, 160.0, 120.0], 4.0, &names, |p: Point3<f64>| match p {
+            _ if p.x.abs() < 30.0 && p.y.abs() < 30.0 && p.z.abs() < 30.0 => 1,
+            _ if p.x.abs() < 50.0 && (-50.0..-40.0).contains(&p.y) => 2,
+            _ if p.x.abs() < 70.0 && p.y.abs() < 70.0 => 3,
+            _ => 0,
+        });
+        let notes = resolve(&file.scene("[pose]\ntarget = \"liver\"\n"))
+            .expect("scene")
+            .notes;
+        notes.join("\n")
+    };
+    let told = "the skin there is invented: check the position with --overview";
+    for (names, is_told) in [(["liver", "sternum", ""], true), (["liver", "sternum", "skin"], false)] {
+        let notes = placed(names);
+        assert!(
+            notes.contains("placed over liver") && !notes.contains("from the front"),
+            "{notes}"
+        );
+        assert_eq!(notes.contains(told), is_told, "{notes}");
+    }
 }
 
 #[test]

@@ -17,8 +17,10 @@ use nalgebra::{Matrix3, Point3, Unit, Vector3};
 use super::SceneFile;
 use super::deform::{DEFAULT_NODES, Motion, Nodes};
 use super::paths::MotionSpec;
+use super::pulse::{ARTERY_KPA, arteries};
 use super::stiffness::Stiffness;
 use super::target::Body;
+use insonify_anatomy::acoustics::{Tissue, presets};
 use insonify_base::document::InputError;
 use insonify_base::note::Notes;
 use insonify_mesh::TetMesh;
@@ -215,11 +217,11 @@ impl Press {
             };
             triangle.nodes.iter().for_each(|node| list[*node as usize] = true);
         }
+        let of_label = moduli(body);
         let moduli: Vec<[f64; 2]> = mesh
             .regions()
             .iter()
-            .map(|region| body.tissues.tissue(label(region)))
-            .map(|tissue| [tissue.young_kpa, tissue.poisson])
+            .map(|region| of_label[usize::from(label(region))])
             .collect();
         let of_skin = (0..mesh.nodes().len()).filter(|&node| faces[node] && !is_fixed[node]);
         let in_front = of_skin
@@ -329,6 +331,25 @@ impl Press {
             displacements: values.iter().map(|value| (*value).into()).collect(),
         })
     }
+}
+
+/// Young's modulus (kPa) and Poisson's ratio of each label. Blood is under pressure in arteries and moves away in all
+/// other vessels, unless a scene states its moduli.
+fn moduli(body: &Body<'_>) -> Vec<[f64; 2]> {
+    let blood = presets::get("blood");
+    let arteries: Vec<u8> = arteries(body).collect();
+    let of_label = |label: u8| {
+        let tissue = body.tissues.tissue(label);
+        let is = |other: &Tissue| {
+            (&tissue.texture, tissue.young_kpa, tissue.poisson) == (&other.texture, other.young_kpa, other.poisson)
+        };
+        match (blood.is_some_and(is), arteries.contains(&label)) {
+            (true, true) => [ARTERY_KPA, tissue.poisson],
+            (true, false) => [tissue.young_kpa, 0.0],
+            (false, _) => [tissue.young_kpa, tissue.poisson],
+        }
+    };
+    (0..=u8::MAX).take(body.volume.labels().len()).map(of_label).collect()
 }
 
 /// Mesh of the labels of a body, finer under a face.

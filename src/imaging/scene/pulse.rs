@@ -24,6 +24,10 @@ const ARTERIES: [&str; 3] = ["aorta", "artery", "carotid"];
 /// 5 % in the old (Hansen et al. 1995), the middle of both.
 const USUAL_SHARE: f64 = 0.09;
 
+/// Stiffness of an artery, whose blood is under pressure, kPa: the modulus of Peterson et al. 1960, pulse pressure (40
+/// mmHg) over the share by which the diameter grows.
+pub(super) const ARTERY_KPA: f64 = 5.33 / USUAL_SHARE;
+
 /// Widest displacement, as a share of the radius.
 pub(super) const WIDEST_SHARE: f64 = 0.5;
 
@@ -73,17 +77,17 @@ pub(super) struct Artery {
     pub has_node: bool,
 }
 
+/// Labels that are named as arteries.
+pub(super) fn arteries(body: &Body<'_>) -> impl Iterator<Item = u8> {
+    ARTERIES.iter().flat_map(|name| body.matching(name))
+}
+
 /// Computes the displacements of a mesh's nodes where arteries are widest.
 pub(super) fn widened(spec: &PulseSpec, mesh: &TetMesh, body: &Body<'_>) -> Widened {
     let volume = body.volume.undivided();
     let (mut radial_of, mut absent) = (BTreeMap::new(), Vec::new());
     match &spec.radial_mm {
-        None => radial_of.extend(
-            ARTERIES
-                .iter()
-                .flat_map(|name| body.matching(name))
-                .map(|label| (label, None)),
-        ),
+        None => radial_of.extend(arteries(body).map(|label| (label, None))),
         Some(stated) => {
             for (name, radial_mm) in stated {
                 let labels = body.matching(name);

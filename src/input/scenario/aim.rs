@@ -365,12 +365,18 @@ impl Aim {
         if self.breathes {
             return [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]];
         }
-        let (a, b) = (self.start, self.tip);
-        [
-            [0, 1, 2].map(|axis| (a[axis].min(b[axis]) - AROUND_MM).floor()),
-            [0, 1, 2].map(|axis| (a[axis].max(b[axis]) + AROUND_MM).ceil()),
-        ]
+        box_around(&[self.start, self.tip])
     }
+}
+
+/// Box of the mesh around the ways of straight needles, from the tips at the start on, mm.
+pub fn box_around(tips: &[Point3<f64>]) -> [[f64; 3]; 2] {
+    let along = |axis: usize| tips.iter().map(move |tip| tip[axis]);
+    let [low, high] = [f64::INFINITY, f64::NEG_INFINITY];
+    [
+        [0, 1, 2].map(|axis| (along(axis).fold(low, f64::min) - AROUND_MM).floor()),
+        [0, 1, 2].map(|axis| (along(axis).fold(high, f64::max) + AROUND_MM).ceil()),
+    ]
 }
 
 /// Innermost point of a label in the image, or else in the volume, to 0.01 mm, and whether it is in the image; `None`

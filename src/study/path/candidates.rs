@@ -9,6 +9,7 @@ use super::{Candidate, Entry, PathOptions, guide, no_path, pixel, unknown};
 use crate::StudyError;
 use insonify::Error;
 use insonify::input::scenario::Scenario;
+use insonify::input::scenario::aim::box_around;
 use insonify::input::scenario::aim::place::array_end_mm;
 use insonify::input::scenario::clearance::Surroundings;
 use insonify_anatomy::volume::{Label, LabelVolume};
@@ -35,7 +36,7 @@ const BEFORE: &str = "the needle before the entry would lie in tissue";
 const CAVITY: &str = "the entry is the wall of a cavity";
 const TOO_SHORT: &str = "the needle is too short";
 const AT_PROBE: &str = "the needle would run into the probe";
-const UNMESHED: &str = "the line leaves the tissue that is simulated, around the scenario's own needle unless `tissue.box_mm` states another";
+const UNMESHED: &str = "the line leaves the tissue that is simulated, `tissue.box_mm`";
 const LEAVES: &str = "the line leaves the body";
 const GAS: &str = "the line meets gas or lung";
 const BONE: &str = "too near to bone";
@@ -383,12 +384,6 @@ impl<'a> Entries<'a> {
         if self.meets_probe(entry, &-straight.along) {
             return Some(AT_PROBE);
         }
-        if let Some([low, high]) = self.scenario.meshed_mm() {
-            let inside = |point: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
-            if !(inside(entry) && inside(&self.target)) {
-                return Some(UNMESHED);
-            }
-        }
         let course = around.obstacles(&[*entry, self.target]);
         let least = self.options.clearance_mm;
         [
@@ -399,6 +394,33 @@ impl<'a> Entries<'a> {
         ]
         .into_iter()
         .find_map(|(holds, reason)| holds.then_some(reason))
+    }
+
+    /// Whether all of a line, from its entry, lies in the tissue that is simulated.
+    fn is_meshed(&self, entry: &Point3<f64>) -> bool {
+        self.scenario.meshed_mm().is_none_or(|[low, high]| {
+            let inside = |point: &Point3<f64>| (0..3).all(|axis| (low[axis]..=high[axis]).contains(&point[axis]));
+            inside(entry) && inside(&self.target)
+        })
+    }
+
+    /// Box of the mesh around all lines that are to be simulated, with the margin that an aimed needle has, mm; `None`
+    /// without such lines.
+    pub(super) fn box_mm(&self) -> Result<Option<[[f64; 3]; 2]>, Error> {
+        let mut tips = Vec::new();
+        for entry in self
+            .lines()?
+            .iter()
+            .filter_map(|line| line.entry.ok())
+            .map(|skin| skin.entry)
+        {
+            let straight = Course::to(entry, &self.target, self.speed_mm_s);
+            let around = Surroundings::new(self.scenario, &self.body, &[entry, self.target]);
+            if self.excluded(&around, &straight).is_none() {
+                tips.extend([straight.at_depth(-APPROACH_MM), self.target]);
+            }
+        }
+        Ok((!tips.is_empty()).then(|| box_around(&tips)))
     }
 
     /// Whether a needle before the skin comes too near to the probe, taken for a block behind its array.
@@ -435,7 +457,9 @@ impl<'a> Entries<'a> {
         let straight = Course::to(entry, &self.target, self.speed_mm_s);
         candidate.guide = guide::posture(self.scenario, &straight, straight.depth_mm);
         let around = Surroundings::new(self.scenario, &self.body, &[entry, self.target]);
-        candidate.excluded = self.excluded(&around, &straight);
+        candidate.excluded = self
+            .excluded(&around, &straight)
+            .or((!self.is_meshed(&entry)).then_some(UNMESHED));
         if candidate.excluded.is_some() {
             return Ok(candidate);
         }

@@ -1,6 +1,7 @@
 //! Plans in tissue where the answer is known.
 
 use super::*;
+use insonify::input::scenario::ScenarioText;
 use insonify::input::scenario::reported_points::Displaced;
 use insonify::run::{Deformed, Observer, Requests, Step, run};
 use insonify_mechanics::insertion::StepError;
@@ -294,8 +295,8 @@ const SHIPPED: [Shipped; 5] = [
     },
 ];
 
-/// Text of a shipped scenario, and what it resolves to for plans. Some have to be coarse to be quick.
-fn shipped(name: &str, guide: &str, coarse: bool) -> (String, Scenario) {
+/// Text of a shipped scenario. Some have to be coarse to be quick.
+fn shipped(name: &str, guide: &str, coarse: bool) -> String {
     let text = EXAMPLES.iter().find(|(known, _)| *known == name).unwrap().1;
     // Anybody's labels are the phantom's here.
     let mut text = text.replace("file = \"your-labels.nii.gz\"", "phantom = \"abdomen\"") + guide;
@@ -308,9 +309,16 @@ fn shipped(name: &str, guide: &str, coarse: bool) -> (String, Scenario) {
             text = text.replace(from, to);
         }
     }
-    let file = ScenarioFile::parse(&text, name).unwrap();
-    let scenario = resolved(file, |file| file.resolve(Path::new(""), |_| ())).unwrap();
-    (text, scenario)
+    text
+}
+
+/// A scenario for plans.
+fn for_plans(text: &str, options: &PathOptions) -> Scenario {
+    let file = ScenarioFile::parse(text, "scenario.toml").unwrap();
+    resolved(file, options, |file| {
+        Ok::<_, Error>(file.resolve(Path::new(""), |_| ())?)
+    })
+    .unwrap()
 }
 
 /// Plans a line in a shipped scenario, with and without a guide that holds it, and repeats it by `insert`.
@@ -323,15 +331,18 @@ fn planned_and_inserted(shipped_scenario: &Shipped, coarse: bool) {
     // A pivot behind the array; the guide holds the withdrawn needle 4 mm before the skin.
     let (behind_mm, before_mm) = (30.0, 4.0);
     let mut guide = String::new();
+    let at_first = ScenarioFile::parse(&shipped(name, "", coarse), name).unwrap();
+    let at_first = at_first.resolve(Path::new(""), |_| ()).unwrap();
+    let pose = at_first.scene.probe_path().at(at_first.timing.start_s);
+    let target = pose.position_mm() + pose.lateral().scale(*lateral_mm) + pose.axial().scale(*depth_mm);
+    let options = PathOptions {
+        target: Goal::At(target.map(|x| (100.0 * x).round() / 100.0).into()),
+        clearance_mm: 0.0,
+        ..options([*angle_deg; 2], 1)
+    };
     for is_guided in [false, true] {
-        let (text, scenario) = shipped(name, &guide, coarse);
-        let pose = scenario.scene.probe_path().at(scenario.timing.start_s);
-        let target = pose.position_mm() + pose.lateral().scale(*lateral_mm) + pose.axial().scale(*depth_mm);
-        let options = PathOptions {
-            target: Goal::At(target.map(|x| (100.0 * x).round() / 100.0).into()),
-            clearance_mm: 0.0,
-            ..options([*angle_deg; 2], 1)
-        };
+        let text = shipped(name, &guide, coarse);
+        let scenario = for_plans(&text, &options);
         let plan = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
             .unwrap_or_else(|error| panic!("{name} {is_guided}: {error}"));
         let (line, path) = plan.best().unwrap();
@@ -448,7 +459,7 @@ fn scenarios_without_a_path_say_why() {
         ..options([0.0, 0.0], 2)
     };
     let refused = |name: &str, guide: &str| {
-        let (_, scenario) = shipped(name, guide, true);
+        let scenario = for_plans(&shipped(name, guide, true), &outside);
         let plan = plan(&scenario, &outside, &|_, _| ControlFlow::Continue(()));
         plan.unwrap_err().to_string()
     };
@@ -458,17 +469,70 @@ fn scenarios_without_a_path_say_why() {
     assert!(message.contains("masses and springs"), "{message}");
 }
 
+/// The mesh holds the lines that are tried with the margin that it has around an aimed needle, here one from the other
+/// side of the probe, and `insert` has the same; a stated box is kept, and lines that leave it are excluded.
+#[test]
+fn the_mesh_is_around_the_lines() {
+    let text = shipped("segmentation-biopsy", "", true);
+    let held_mm = |scenario: &Scenario, point: Point3<f64>| {
+        let [low, high] = scenario.meshed_mm().unwrap();
+        let margins = [0, 1, 2].map(|axis| (point[axis] - low[axis]).min(high[axis] - point[axis]));
+        margins.into_iter().fold(f64::INFINITY, f64::min)
+    };
+    let options = PathOptions {
+        target: Goal::Named("liver".to_owned()),
+        clearance_mm: 0.0,
+        ..options([-50.0, 50.0], 3)
+    };
+    let scenario = for_plans(&text, &options);
+    let planned = plan(&scenario, &options, &|_, _| ControlFlow::Continue(())).unwrap();
+    let entries = planned.lines.iter().filter(|line| line.path.is_some());
+    let entries: Vec<_> = entries.filter_map(|line| Some(Point3::from(line.entry_mm?))).collect();
+    assert!(entries.len() >= 2, "{:?}", planned.lines);
+    for point in entries.iter().chain([&Point3::from(planned.target_mm)]) {
+        assert!(
+            held_mm(&scenario, *point) >= 30.0,
+            "{point} in {:?}",
+            scenario.meshed_mm()
+        );
+    }
+    assert!(
+        planned
+            .notes
+            .iter()
+            .any(|note| note.contains("tissue is simulated within"))
+    );
+    let written = planned.scenario(&text, &scenario).unwrap();
+    assert_eq!(
+        ScenarioFile::parse(&written, "plan.toml").unwrap().tissue.box_mm,
+        scenario.meshed_mm()
+    );
+    // That of the scenario's own needle.
+    let itself = ScenarioFile::parse(&text, "scenario.toml").unwrap();
+    let stated_mm = itself.resolve(Path::new(""), |_| ()).unwrap().meshed_mm().unwrap();
+    let stated = ScenarioText::parse(&text).unwrap().with_mesh(Some(stated_mm), None);
+    let scenario = for_plans(&stated.unwrap().text().unwrap(), &options);
+    assert_eq!(scenario.meshed_mm(), Some(stated_mm));
+    let excluded = plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
+        .unwrap()
+        .excluded;
+    assert!(
+        excluded.keys().any(|reason| reason.contains("`tissue.box_mm`")),
+        "{excluded:?}"
+    );
+}
+
 /// The axis that keeps a guide from a line is named with what it would take, and the speed is that of the command: not
 /// that of the drive, which leaves its dead band, nor that of the way out.
 #[test]
 fn ranges_of_the_guide_exclude_lines() {
     let planned = |standoff_mm: f64, angles: [f64; 2], lines: usize| {
         let guide = format!("\n[manipulator.guide]\nside_mm = 14.0\nstandoff_mm = {standoff_mm:?}\n");
-        let (_, scenario) = shipped("liver-puncture", &guide, true);
         let options = PathOptions {
             section_mm: Some(20.0),
             ..options(angles, lines)
         };
+        let scenario = for_plans(&shipped("liver-puncture", &guide, true), &options);
         plan(&scenario, &options, &|_, _| ControlFlow::Continue(()))
     };
     let plan = planned(8.0, [-50.0, -30.0], 3).unwrap();
@@ -495,19 +559,19 @@ fn ranges_of_the_guide_exclude_lines() {
         let error = planned(standoff_mm, [angle; 2], 1).unwrap_err().to_string();
         assert!(error.contains(reason), "{error}");
     }
-    let (_, scenario) = shipped("two-layer-insertion", "", true);
+    let scenario = for_plans(&shipped("two-layer-insertion", "", true), &options([0.0; 2], 1));
     assert!((insertion::speed_mm_s(&scenario).unwrap() - 1.5).abs() < 1e-6);
 }
 
 /// The hollow cylinder through the phantom of two layers is open at the ends of the volume, and still no skin.
 #[test]
 fn a_needle_does_not_begin_in_a_cavity() {
-    let (_, scenario) = shipped("two-layer-insertion", "", true);
     let options = PathOptions {
         target: Goal::At([0.0, 0.0, 0.0]),
         entry: Entry::Named("phantom_top".to_owned()),
         ..options([0.0, 0.0], 8)
     };
+    let scenario = for_plans(&shipped("two-layer-insertion", "", true), &options);
     let entries = Entries::new(&scenario, Point3::origin(), &options, 1.5).unwrap();
     let lines = entries.lines().unwrap();
     // Behind the hollow there is tissue before an entry.
