@@ -315,7 +315,7 @@ fn simulated(is_curved: bool, apodisation: Apodisation, count: u64) -> Vec<Beam>
     };
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.speckle = Some(Speckle::default());
-    fields(&settings, precisions()[0].1, count)
+    fields(&settings, Backend::Cpu, count)
 }
 
 #[test]
