@@ -144,6 +144,7 @@ mod tests {
         };
         let (mhz, focus_mm) = if is_curved { (3.57, 75.0) } else { (7.6, 22.0) };
         probe.frequency_mhz = mhz;
+        probe.samples = 2048;
         probe.aperture = Aperture {
             bandwidth: Some(0.55),
             transmit_focus_mm: Some(focus_mm),
@@ -233,6 +234,20 @@ mod tests {
                 assert!(hann.beam.lobes_at(depth_mm, aside_mm) < 0.01);
             }
         }
+    }
+
+    #[test]
+    fn a_pulse_that_samples_do_not_show_is_as_long_as_two_of_them() {
+        let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
+        let shown = |samples: u32| {
+            probe.samples = samples;
+            let spread = PointSpread::new(&Speckle::default(), &probe);
+            (spread.axial_mm, spread.samples_for_pulse)
+        };
+        let [(coarse_mm, enough), (fine_mm, none)] = [400, 4000].map(shown);
+        assert_eq!((coarse_mm, none), (0.25, None));
+        // Half a pulse is a sample.
+        assert_eq!(enough, Some((100.0 / fine_mm).ceil() as u32));
     }
 
     #[test]

@@ -47,7 +47,7 @@ use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
-use insonify_tracking::probe::{BeamGrid, Probe};
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
@@ -113,26 +113,11 @@ pub(crate) const EFFECT: Effect = Effect {
             let key = format!("effects.speckle.{key}");
             narrowed(&key, length.is_some(), share, finer, &tables.settings.probe)
         });
-        axial
-            .into_iter()
-            .chain(lateral)
-            .chain(coarse(speckle, &tables.settings.probe))
-            .collect()
+        axial.into_iter().chain(lateral).collect()
     },
     remove: Some(|_, settings| settings.effects.speckle = None),
     ..Effect::PLAIN
 };
-
-/// Note on samples that are too few for the pulse, unless they are the usual ones.
-fn coarse(speckle: &SpeckleTables, probe: &Probe) -> Option<String> {
-    let samples = speckle.spread.samples_for_pulse?;
-    (probe.samples != probe.shape.kind().usual().samples).then(|| {
-        format!(
-            "speckle is {:.2} mm long, two samples, and the pulse is shorter: probe.samples = {samples} shows it whole",
-            speckle.spread.axial_mm
-        )
-    })
-}
 
 /// Lattice and kernels of the speckle.
 pub(crate) type Derived = Option<SpeckleTables>;
