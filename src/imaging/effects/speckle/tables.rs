@@ -39,7 +39,7 @@ pub struct SpeckleTables {
 
 /// Distance of lattice points over the shortest standard deviation of the point spread. Linear interpolation between
 /// points widens it in speckle, by a variance of h^2 / 6, and not around a single echo: [`Shape`] makes up for that.
-const LATTICE_PER_SIGMA: f64 = 1.25;
+const LATTICE_PER_SIGMA: f64 = 1.5;
 
 /// Elevational length in lattice distances that four sub-planes reach: more cost time, and do not show in one frame.
 const AFFORDED: f64 = 3.5;
