@@ -58,8 +58,8 @@ impl PointSpread {
         }
         let focus_mm = transducer.transmit_focus_mm;
         let is_stated = speckle.lateral_mm.is_some() || speckle.focal_zone_mm.is_some();
-        let beam = match (is_stated, speckle.elevational_mm) {
-            (true, Some(_)) => Arc::default(),
+        let beam = match (speckle.lateral_mm, speckle.elevational_mm) {
+            (Some(_), Some(_)) => Arc::default(),
             _ => Beam::of(&transducer, probe.depth_mm),
         };
         let pulse_mm = (IN_SPECKLE * pulse_mm(&transducer)).clamp(0.05, 10.0);
@@ -262,6 +262,15 @@ mod tests {
         let spread = PointSpread::new(&stated, &probe);
         assert_eq!((spread.axial_mm, spread.lateral_at(25.0)), (0.8, 3.0));
         assert!((spread.lateral_at(35.0) / 3.0 - 2f64.sqrt()).abs() < 1e-12);
+        // A zone about the focus of the probe's own beam.
+        let zone = Speckle {
+            elevational_mm: Some(1.0),
+            focal_zone_mm: Some(10.0),
+            ..Speckle::default()
+        };
+        let [usual, about] = [Speckle::default(), zone].map(|speckle| PointSpread::new(&speckle, &probe));
+        assert_eq!(about.lateral_mm, usual.lateral_mm);
+        assert!((about.lateral_at(35.0) / usual.lateral_mm - 2f64.sqrt()).abs() < 1e-12);
     }
 
     /// Far beyond its transmit focus an unapodised aperture of 20 mm receives alone: half of the amplitude of sin x / x
