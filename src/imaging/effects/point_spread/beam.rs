@@ -14,15 +14,15 @@ use insonify_tracking::probe::{Apodisation, Transducer};
 use nalgebra::Complex;
 
 /// Depths at which the beam is computed, and points to one side of its axis at each.
-const DEPTHS: usize = 40;
-const ASIDE: usize = 48;
+const DEPTHS: usize = 24;
+const ASIDE: usize = 24;
 
 /// Frequencies of the pulse, and the farthest of them from the centre in standard deviations of the spectrum.
 const FREQUENCIES: usize = 5;
 const FARTHEST: f64 = 2.0;
 
 /// Distance of the points on an aperture from which waves come, in wavelengths, and their number.
-const POINT_WAVELENGTHS: f64 = 0.75;
+const POINT_WAVELENGTHS: f64 = 1.0;
 const POINTS: (f64, f64) = (8.0, 256.0);
 
 /// Number of probes whose beams are kept.
