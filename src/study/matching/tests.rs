@@ -68,9 +68,12 @@ impl Known {
         }
     }
 
-    /// Renders a frame on the default grid of a probe, which differs from that of a match.
+    /// Renders a frame on a grid which differs from that of a match, with scanlines within half of the beam.
     fn frame(&self, anatomy: Anatomy, effects: Effects) -> Picture {
-        let probe = Probe::new(self.shape, self.depth_mm).unwrap();
+        let probe = Probe {
+            lines: 384,
+            ..Probe::new(self.shape, self.depth_mm).unwrap()
+        };
         let mut settings = Settings::new(probe, self.size, effects);
         settings.seed = 77;
         settings.image.margin = 0.03;
