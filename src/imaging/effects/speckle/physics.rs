@@ -335,7 +335,7 @@ fn arrays_have_the_speckle_of_a_simulator_of_waves() {
                 let half_mm = if is_curved { 7.5 } else { 3.0 };
                 let window = ((depth_mm - half_mm) / sample_mm) as usize..((depth_mm + half_mm) / sample_mm) as usize;
                 let lengths = [
-                    (1, sample_mm, *axial_mm, 0.1),
+                    (1, sample_mm, axial_mm, 0.1),
                     (beams[0].samples, line_mm, *lateral_mm, 0.15),
                 ];
                 for (stride, step_mm, expected_mm, within) in lengths {
