@@ -40,7 +40,7 @@ pub struct PointSpread {
     pub lateral_mm: f64,
     /// Elevational length: if it is not stated, that at the focus of the lens.
     pub elevational_mm: f64,
-    /// Whether it is stated.
+    /// Whether the elevational length is stated.
     pub is_elevational_stated: bool,
     /// Depth of the transmit focus, mm.
     pub focus_mm: f64,

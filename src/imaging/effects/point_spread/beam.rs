@@ -28,12 +28,11 @@ const POINTS: (f64, f64) = (8.0, 256.0);
 /// Number of probes whose beams are kept.
 const KEPT: usize = 4;
 
-/// Lateral length of speckle in the reference simulation over that of its fields: scatterers are few, and scanlines
-/// away from the middle have less of the array. Mean of 24 depths, two arrays and two apodisations; 0.9 to 1.14.
+/// Lateral length of speckle in the reference simulation over that of its fields: mean of 24 depths, two arrays and two
+/// apodisations, 0.99 to 1.15. Its scatterers are few, and scanlines away from the middle have less of the array.
 const IN_SIMULATION: f64 = 1.06;
 
-/// Where side lobes begin, the distance of the points of their envelope, and where they end at the latest, in lengths
-/// around a point.
+/// Start of the side lobes, distance of the points of their envelope, and their farthest end, in lengths around a point.
 const LOBES: [f64; 3] = [1.25, 0.25, 12.0];
 
 /// Amplitude below which side lobes are left out, relative to the peak: -54 dB.

@@ -49,7 +49,7 @@ fn lengths(flatness: f64) -> [f64; 2] {
     [0, 1].map(|of| LENGTHS[before][of] + share * (LENGTHS[before + 1][of] - LENGTHS[before][of]))
 }
 
-/// Where a curve that falls from 1 has fallen to a level.
+/// Distance at which a curve that falls from 1 reaches a level.
 fn half(curve: &impl Fn(f64) -> f64, level: f64) -> f64 {
     let (mut inside, mut outside) = (0.0, 2.5);
     for _ in 0..40 {
