@@ -1,5 +1,5 @@
 // Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
-// likewise, and the mean over the rays. Then the mean over the beam of what that lets through. Twin of src/imaging/effects/shadow.rs,
+// likewise, and the means over the rays. Then the mean over the beam of what that lets through. Twin of src/imaging/effects/shadow.rs,
 // src/imaging/effects/shadow/aperture.rs, penumbra.rs and reverberation.rs.
 #import label_row
 #import prefix_sum
@@ -11,12 +11,11 @@ struct Params {
     opaque_units: u32,
     needle_units: f32,
     exponent: f32,
-    opens: u32,
     reverberation: f32,
     spacing: f32,
     spreading: f32,
     mirror: f32,
-    unused: u32,
+    unused: vec2<u32>,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -29,11 +28,11 @@ struct Params {
 @group(0) @binding(5) var<storage, read> needle_mask: array<vec2<f32>>;
 
 // Of the rays.
-@group(0) @binding(3) var<storage, read> shifts: array<u32>;
+@group(0) @binding(3) var<storage, read> shifts: array<i32>;
 @group(0) @binding(4) var<storage, read_write> of_rays: array<f32>;
 
 // Of the aperture.
-@group(0) @binding(1) var<storage, read> shifts_again: array<u32>;
+@group(0) @binding(1) var<storage, read> shifts_again: array<i32>;
 @group(0) @binding(2) var<storage, read> let_through: array<f32>;
 
 // Of the penumbra.
@@ -59,11 +58,6 @@ fn tissue_and_needle_loss(index: u32) -> u32 {
     return tissue_loss(index) + u32(needle_mask[index].y * params.needle_units);
 }
 
-// What does not occlude.
-fn soft(loss: u32) -> u32 {
-    return select(loss, 0u, params.opens == 1u && loss >= params.opaque_units);
-}
-
 fn power(units: u32) -> f32 {
     return exp2(f32(units) * params.exponent);
 }
@@ -74,20 +68,17 @@ fn tissue(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    var sums = vec2<u32>(0u);
+    var sum = 0u;
     for (var i = start; i < end; i++) {
-        let own = tissue_loss(line + i);
-        sums = min(sums + vec2<u32>(own, soft(own)), vec2<u32>(MAX_UNITS));
+        sum = min(sum + tissue_loss(line + i), MAX_UNITS);
     }
-    let first = exclusive(thread, sums.x);
-    var above = vec2<u32>(first, exclusive(thread, sums.y));
+    var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
         let own = tissue_loss(line + i);
-        let both = vec2<u32>(own, soft(own));
-        let down_to = min(above + both / 2u, vec2<u32>(MAX_UNITS));
-        losses[line + i] = down_to.x;
-        through[line + i] = power(down_to.y);
-        above = min(above + both, vec2<u32>(MAX_UNITS));
+        let down_to = min(above + own / 2u, MAX_UNITS);
+        losses[line + i] = down_to;
+        through[line + i] = power(down_to);
+        above = min(above + own, MAX_UNITS);
     }
 }
 
@@ -97,63 +88,33 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    var sums = vec2<u32>(0u);
+    var sum = 0u;
     for (var i = start; i < end; i++) {
-        let all = tissue_and_needle_loss(line + i);
-        let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
-        sums = min(sums + vec2<u32>(all, left), vec2<u32>(MAX_UNITS));
+        sum = min(sum + tissue_and_needle_loss(line + i), MAX_UNITS);
     }
-    let first = exclusive(thread, sums.x);
-    var above = vec2<u32>(first, exclusive(thread, sums.y));
+    var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
-        let all = tissue_and_needle_loss(line + i);
-        let left = select(all, soft(tissue_loss(line + i)), params.opens == 1u);
-        let both = vec2<u32>(all, left);
-        let down_to = min(above + both / 2u, vec2<u32>(MAX_UNITS));
-        losses[line + i] = down_to.x;
-        through[line + i] = power(down_to.y);
-        above = min(above + both, vec2<u32>(MAX_UNITS));
+        let own = tissue_and_needle_loss(line + i);
+        let down_to = min(above + own / 2u, MAX_UNITS);
+        losses[line + i] = down_to;
+        through[line + i] = power(down_to);
+        above = min(above + own, MAX_UNITS);
     }
 }
 
-const RAYS = 5u;
-const SIDE = 2u;
+const RAYS = 9u;
+const SIDE = 4u;
 
-// The scanline, or -1, where a ray of an element is, `shift` scanlines from it. Backwards: the element of a place.
-fn aside(ray: u32, from_line: u32, shift: u32) -> i32 {
-    if ray < SIDE {
-        return select(-1, i32(from_line - shift), shift <= from_line);
-    }
-    return select(-1, i32(from_line + shift), shift < params.lines - from_line);
+// Row of a ray in tables by distance from the middle ray.
+fn from_middle(ray: u32) -> u32 {
+    return max(ray, SIDE) - min(ray, SIDE);
 }
 
-// Row of the shifts of a ray beside the middle.
-fn shift_row(ray: u32) -> u32 {
-    return select(ray - SIDE - 1u, SIDE - 1u - ray, ray < SIDE) * params.samples;
-}
-
-// Loss of what occludes the ray of an element at a sample; with a needle, its index too.
-fn ray_index(ray: u32, element: u32, sample: u32) -> i32 {
-    var line = i32(element);
-    if ray != SIDE {
-        line = aside(ray, element, shifts[shift_row(ray) + sample]);
-    }
-    return select(-1, line * i32(params.samples) + i32(sample), line >= 0);
-}
-
-fn hard_loss(index: i32) -> u32 {
-    if index < 0 {
-        return 0u;
-    }
-    let loss = tissue_loss(u32(index));
-    return select(0u, loss, loss >= params.opaque_units);
-}
-
-fn hard_or_needle_loss(index: i32) -> u32 {
-    if index < 0 {
-        return 0u;
-    }
-    return hard_loss(index) + u32(needle_mask[index].y * params.needle_units);
+// Index of the place on the ray of an element at a sample; beside the image of the next in it.
+fn ray_index(ray: u32, element: u32, sample: u32) -> u32 {
+    let shift = shifts[from_middle(ray) * params.samples + sample];
+    let line = clamp(i32(element) + select(shift, -shift, ray < SIDE), 0, i32(params.lines) - 1);
+    return u32(line) * params.samples + sample;
 }
 
 @compute @workgroup_size(256)
@@ -164,11 +125,11 @@ fn rays(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) gro
     let row = (group.z * params.lines + group.y) * params.samples;
     var sum = 0u;
     for (var i = start; i < end; i++) {
-        sum = min(sum + hard_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
+        sum = min(sum + tissue_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
     }
     var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
-        let own = hard_loss(ray_index(group.z, group.y, i));
+        let own = tissue_loss(ray_index(group.z, group.y, i));
         of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
         above = min(above + own, MAX_UNITS);
     }
@@ -182,35 +143,38 @@ fn rays_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(workgr
     let row = (group.z * params.lines + group.y) * params.samples;
     var sum = 0u;
     for (var i = start; i < end; i++) {
-        sum = min(sum + hard_or_needle_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
+        sum = min(sum + tissue_and_needle_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
     }
     var above = exclusive(thread, sum);
     for (var i = start; i < end; i++) {
-        let own = hard_or_needle_loss(ray_index(group.z, group.y, i));
+        let own = tissue_and_needle_loss(ray_index(group.z, group.y, i));
         of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
         above = min(above + own, MAX_UNITS);
     }
 }
 
-// The mean of what the rays to a sample let through.
+// The root of the product of the means, on the way there and back, of what the rays to a sample let through.
 @compute @workgroup_size(64)
 fn aperture(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    var sum = 0.0;
-    var count = 0.0;
+    var sums = vec2<f32>(0.0);
+    var missing = vec2<f32>(0.0);
     for (var ray = 0u; ray < RAYS; ray++) {
-        var element = i32(id.y);
-        if ray != SIDE {
-            element = aside(RAYS - 1u - ray, id.y, shifts_again[shift_row(ray) + id.x]);
-        }
-        if element >= 0 {
-            sum += let_through[(ray * params.lines + u32(element)) * params.samples + id.x];
-            count += 1.0;
+        let row = from_middle(ray);
+        let shift = shifts_again[row * params.samples + id.x];
+        let element = i32(id.y) - select(shift, -shift, ray < SIDE);
+        let there = weights[2u * row * params.samples + id.x];
+        let back = weights[(2u * row + 1u) * params.samples + id.x];
+        if element >= 0 && element < i32(params.lines) {
+            sums += vec2<f32>(there, back) * let_through[(ray * params.lines + u32(element)) * params.samples + id.x];
+        } else {
+            missing += vec2<f32>(there, back);
         }
     }
-    through[id.y * params.samples + id.x] *= sum / count;
+    let present = 1.0 - missing;
+    through[id.y * params.samples + id.x] = sqrt(sums.x * sums.y / (present.x * present.y));
 }
 
 // Attenuates each echo by the two-way transmittance, averaged over the beam.

@@ -17,6 +17,11 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     /// Converts a whole number between -2^22 and 2^22, exactly and in vector registers; others give an arbitrary
     /// integer.
     fn integer(self) -> i32;
+    /// Two to a power of at most 0, in vector registers in single precision; 0 where that is no normal number.
+    #[inline(always)]
+    fn fraction_of_two(self) -> Self {
+        self.exp2()
+    }
     /// Returns the copy of a table in this type.
     fn pick(numbers: &Numbers) -> &[Self];
     /// Runs a kernel of numbers of this type: in the widest vector registers of the machine where speed counts, which
@@ -66,6 +71,17 @@ impl Real for f32 {
         const MIDDLE: f32 = 12_582_912.0;
         ((self + MIDDLE).to_bits() as i32).wrapping_sub(MIDDLE.to_bits() as i32)
     }
+    // Taylor's series of 2^x to the sixth power, from -1/2 to 1/2 within 2e-7; the exponent's bits for the rest.
+    #[inline(always)]
+    fn fraction_of_two(self) -> Self {
+        const LEAST: f32 = -126.0;
+        let power = self.max(LEAST);
+        let whole = (power + 0.5).floor();
+        let x = (power - whole) * std::f32::consts::LN_2;
+        let series = 1.0 + x * (1.0 + x * (0.5 + x * (1.0 / 6.0 + x * (1.0 / 24.0 + x * (1.0 / 120.0 + x / 720.0)))));
+        let value = series * Self::from_bits(((whole.integer() + 127) << 23) as u32);
+        if self < LEAST { 0.0 } else { value }
+    }
     fn pick(numbers: &Numbers) -> &[Self] {
         &numbers.narrow
     }
@@ -109,6 +125,19 @@ impl Real for f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn fractions_of_two_are_those_of_the_library() {
+        for step in 0..=126_000 {
+            let power = -0.001 * f64::from(step);
+            let (fraction, expected) = ((power as f32).fraction_of_two(), f64::from(power as f32).exp2());
+            assert!(
+                (f64::from(fraction) / expected - 1.0).abs() < 3e-7,
+                "2^{power}: {fraction}"
+            );
+        }
+        assert_eq!((0.0f32.fraction_of_two(), (-130.0f32).fraction_of_two()), (1.0, 0.0));
+    }
 
     #[test]
     fn whole_numbers_become_integers() {

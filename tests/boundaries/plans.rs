@@ -57,6 +57,11 @@ fn two_tissues() -> Anatomy {
     anatomy::layers(frame, &[-30.0, 20.0], &[SILENT, lossy(), other])
 }
 
+fn two_losses() -> Anatomy {
+    let frame = Frame::around([0.0, 20.0, 0.0], [20; 3], 2.0);
+    anatomy::layers(frame, &[-30.0, 20.0], &[SILENT, PLAIN, lossy()])
+}
+
 fn scene(name: &'static str, anatomy: Anatomy, edit: impl Fn(&mut Settings), passes: &'static [&'static str]) -> Scene {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     edit(&mut settings);
@@ -137,14 +142,13 @@ pub(super) fn scenes() -> Vec<Scene> {
                 ..lossy()
             }),
             |s| s.effects.shadow = Some(Default::default()),
-            &[
-                "shadow_loss",
-                "shadow_rays",
-                "shadow_aperture",
-                "shadow",
-                "shadow_reflectors",
-                "shadow_reverberation",
-            ],
+            &["shadow_loss", "shadow", "shadow_reflectors", "shadow_reverberation"],
+        ),
+        scene(
+            "shadows of tissues that lose more than others",
+            two_losses(),
+            |s| s.effects.shadow = Some(Default::default()),
+            &["shadow_loss", "shadow_rays", "shadow_aperture", "shadow"],
         ),
         scene(
             "mirror images of gas alone",
@@ -155,7 +159,7 @@ pub(super) fn scenes() -> Vec<Scene> {
             }),
             |s| {
                 s.effects.shadow = Some(Shadow {
-                    f_number: 0.0,
+                    f_number: Some(0.0),
                     reverberation: 0.0,
                     ..Default::default()
                 });
@@ -180,7 +184,7 @@ pub(super) fn scenes() -> Vec<Scene> {
             |s| {
                 s.effects.needle = Some(Default::default());
                 s.effects.shadow = Some(Shadow {
-                    f_number: 0.0,
+                    f_number: Some(0.0),
                     ..Default::default()
                 });
                 s.has_needle = true;

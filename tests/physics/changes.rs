@@ -320,7 +320,15 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "focus",
             |settings| settings.effects.speckle.as_mut().expect("speckle").focus_mm = Some(5.0),
-            &["AxialKernel", "LateralKernel", "Clutter"],
+            &[
+                "AxialKernel",
+                "LateralKernel",
+                "PenumbraKernel",
+                "ApertureShifts",
+                "ApertureWeights",
+                "Clutter",
+                "LabelRows",
+            ],
         ),
         (
             "blur",
@@ -347,7 +355,7 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &["PenumbraKernel", "ApertureShifts", "LabelRows"],
+            &["PenumbraKernel", "ApertureShifts", "ApertureWeights", "LabelRows"],
         ),
         (
             "depth",
@@ -360,6 +368,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "BlurKernel",
                 "PenumbraKernel",
                 "ApertureShifts",
+                "ApertureWeights",
                 "Clutter",
                 "Gain",
                 "LabelRows",

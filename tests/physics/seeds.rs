@@ -37,8 +37,8 @@ fn settings() -> Settings {
     });
     settings.effects.shadow = Some(Shadow {
         needle_db_mm: DB_MM,
-        beam_mm: BEAM_MM,
-        f_number: 0.0,
+        beam_mm: Some(BEAM_MM),
+        f_number: Some(0.0),
         ..Shadow::default()
     });
     settings

@@ -203,7 +203,7 @@ fn numbers(view: &View) -> NeedleParams {
         segments: segments(tables, view.state).count() as u32,
         beams_per_mm: shadow
             .as_ref()
-            .map_or(0.0, |shadow| shadow.beam_mm.max(MIN_BEAM_MM).recip()) as f32,
+            .map_or(0.0, |shadow| shadow.needle_beam_mm().max(MIN_BEAM_MM).recip()) as f32,
         echo: 10f64.powf(needle.echo_db / 20.0) as f32,
         directivity: needle.directivity as f32,
         reverberations: needle.reverberations,

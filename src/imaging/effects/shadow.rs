@@ -4,9 +4,10 @@
 //! that it is the same for any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its
 //! two-way attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle
 //! contributes `needle_db_mm` where it fills the scan plane. A sample is subject to the loss of everything above it and
-//! half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. Edges of shadows
-//! are as soft as the beam is wide (`penumbra`) and widen with depth as the aperture does (`aperture`), and a needle
-//! thinner than the beam shades its fraction of it. In the shadow lie mirror images (`mirror`) and repeats
+//! half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. In tissues of
+//! different losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`);
+//! they are at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction
+//! of it. In the shadow lie mirror images (`mirror`) and repeats
 //! (`reverberation`) of what is above it. Shadows of bone, air and the needle shaft by casting rays: Zhu et al. 2007,
 //! section 2.4.
 //!
@@ -21,7 +22,7 @@ mod parity;
 #[cfg(test)]
 mod physics;
 
-use std::ops::Range;
+use aperture::Aperture;
 
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
@@ -29,6 +30,7 @@ use super::buffers::{
 };
 use super::lateral::LateralKernel;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
+use super::point_spread::PointSpread;
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -41,7 +43,8 @@ use insonify_anatomy::acoustics::{Tissue, TissueTable};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
 use insonify_base::real::Real;
-use insonify_tracking::probe::BeamGrid;
+use insonify_base::simd::Kernel;
+use insonify_tracking::probe::{BeamGrid, Transducer};
 
 pub mod aperture;
 pub mod mirror;
@@ -58,13 +61,14 @@ parameters! {
         /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam; proportionally less
         /// for a thinner one.
         needle_db_mm: f64 = 8.0, in 0..=100;
-        /// Full width at half maximum of the beam, mm, which is the softness of shadow edges. With 0, scanlines are
-        /// independent.
-        beam_mm: f64 = 3.0, in 0..=20;
-        /// F-number on reception, 0.5 or more: the rate at which the edges of the shadows of bone, gas and needles
-        /// widen. 4 lies between the 2 to 3 of scanners near the array and what an aperture of some 25 mm leaves at 15
-        /// cm. 0 casts shadows straight down the scanlines.
-        f_number: f64 = 4.0, in 0..=20;
+        /// Full width at half maximum of the beam, mm, which is the least softness of shadow edges; 0 leaves them sharp.
+        /// Default: by depth, the lateral length of the point spread; for the needle 3.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        beam_mm: Option<f64>, in 0..=20;
+        /// F-number on reception, 0.5 or more, by which the edges of shadows widen with depth; 0 casts shadows straight
+        /// down the scanlines. Default: `receive_f_number` of the probe.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        f_number: Option<f64>, in 0..=20;
         /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array
         /// relative to the echo, before attenuation and for a perfect reflector. 0 disables repeats.
         reverberation: f64 = 0.35, in 0..=1;
@@ -99,12 +103,21 @@ const FULL_OCCLUSION_DB_MM: f64 = 200.0;
 
 impl Parameters for Shadow {
     fn check_others(&self) -> Result<(), OutOfRange> {
-        let holds = self.f_number == 0.0 || self.f_number >= 0.5;
-        check("f_number", self.f_number, holds, "0, or a number from 0.5 to 20")
+        let f_number = self.f_number.unwrap_or(0.0);
+        let holds = f_number == 0.0 || f_number >= 0.5;
+        check("f_number", f_number, holds, "0, or a number from 0.5 to 20")
     }
 }
 
+/// Width of the beam across the plane that a needle shades, if it is not stated, mm.
+const BEAM_MM: f64 = 3.0;
+
 impl Shadow {
+    /// Width of the beam that a needle shades, mm.
+    pub(crate) fn needle_beam_mm(&self) -> f64 {
+        self.beam_mm.unwrap_or(BEAM_MM)
+    }
+
     /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
     pub fn db_per_mm(&self, tissue: &Tissue, frequency_mhz: f64) -> f64 {
         let attenuation = 2.0 * tissue.attenuation_db_cm_mhz * frequency_mhz / 10.0;
@@ -145,12 +158,12 @@ pub(crate) const EFFECT: Effect = Effect {
             .filter_map(|(runs, pass)| runs.then_some(pass))
             .collect()
     },
-    buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &THROUGH, &REFLECTORS],
+    buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &APERTURE_WEIGHTS, &THROUGH, &REFLECTORS],
     label_row: Some(|_, derived, label, row| row.loss = derived.shadow.losses.get(label).copied().unwrap_or(0)),
     // Rays of the aperture.
     extra_bytes: |settings, samples| {
         let shadow = settings.effects.shadow.as_ref();
-        let opens = shadow.is_some_and(|shadow| shadow.f_number > 0.0);
+        let opens = shadow.is_some_and(|shadow| shadow.f_number != Some(0.0));
         if opens { 4 * aperture::RAYS as u64 * samples } else { 0 }
     },
     remove: Some(|_, settings| settings.effects.shadow = None),
@@ -164,35 +177,47 @@ pub struct Derived {
     pub losses: Vec<u32>,
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,
-    /// Scanlines between a point and the elements of the aperture that receive from it; empty if shadows do not widen.
-    pub aperture: Vec<u32>,
-    /// Ranges of samples on which the aperture shifts are constant.
-    pub aperture_runs: Vec<Range<usize>>,
+    /// Rays of the aperture.
+    pub aperture: Aperture,
 }
 
 /// Settings on which the tables depend.
-pub(crate) type Key<'a> = (Option<&'a Shadow>, f64, &'a BeamGrid, &'a TissueTable);
+pub(crate) type Key<'a> = (
+    Option<&'a Shadow>,
+    f64,
+    &'a BeamGrid,
+    &'a TissueTable,
+    Transducer,
+    Option<PointSpread>,
+);
 
-/// Takes parameters, frequency (MHz), grid and tissues.
+/// Takes parameters, frequency (MHz), grid, tissues, aperture and, if the width of the beam is not stated, point spread.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
-    let frequency_mhz = settings.probe.frequency_mhz;
-    (settings.effects.shadow.as_ref(), frequency_mhz, grid, tissues)
+    let probe = &settings.probe;
+    let shadow = settings.effects.shadow.as_ref();
+    let spread = shadow.filter(|shadow| shadow.beam_mm.is_none()).map(|_| {
+        let speckle = settings.effects.speckle.clone().unwrap_or_default();
+        PointSpread::new(&speckle, probe)
+    });
+    (shadow, probe.frequency_mhz, grid, tissues, probe.transducer(), spread)
 }
 
 /// Makes losses, kernel and aperture.
-pub(crate) fn derive(anatomy: &Anatomy, &(shadow, frequency_mhz, grid, tissues): &Key) -> Result<Derived, SynthError> {
+pub(crate) fn derive(
+    anatomy: &Anatomy,
+    (shadow, frequency_mhz, grid, tissues, transducer, spread): &Key,
+) -> Result<Derived, SynthError> {
     let Some(shadow) = shadow else {
         return Ok(Derived::default());
     };
     let loss = |label: usize| {
         let tissue = tissues.tissue(label as u8);
-        units(shadow.db_per_mm(tissue, frequency_mhz) * grid.sample_spacing_mm())
+        units(shadow.db_per_mm(tissue, *frequency_mhz) * grid.sample_spacing_mm())
     };
-    let aperture = shadow.shifts(grid);
+    let aperture = Aperture::new(shadow, transducer, grid);
     Ok(Derived {
         losses: (0..anatomy.volume.labels().len()).map(loss).collect(),
-        penumbra: Some(shadow.kernel(grid)),
-        aperture_runs: aperture::runs(&aperture, grid.samples()),
+        penumbra: Some(shadow.kernel(spread.as_ref(), &aperture, grid)),
         aperture,
     })
 }
@@ -206,11 +231,19 @@ fn weights(derived: &EffectTables) -> &[f32] {
     kernel.map_or(&[], |kernel| kernel.rows.of())
 }
 
-/// Per off-centre ray of the aperture and sample depth: scanlines between a point and the ray's element (`u32`).
-static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| tables.effects.shadow.aperture.len())
-    .derived(|_, derived| bytes_of(&derived.shadow.aperture));
+/// Data of [`Aperture::shifts`] (`i32`).
+static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| {
+    tables.effects.shadow.aperture.shifts.len()
+})
+.derived(|_, derived| bytes_of(&derived.shadow.aperture.shifts));
 
-/// Per ray, element and sample: one-way transmittance of the occluders on it (`f32`).
+/// Data of [`Aperture::weights`] (`f32`).
+static APERTURE_WEIGHTS: Buffer = Buffer::new(255, "ApertureWeights", 4, |tables| {
+    tables.effects.shadow.aperture.weights.of::<f32>().len()
+})
+.derived(|_, derived| bytes_of(derived.shadow.aperture.weights.of::<f32>()));
+
+/// Per ray, element and sample: one-way transmittance (`f32`).
 static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
 
 /// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
@@ -301,7 +334,12 @@ const APERTURE: Pass = Pass {
     name: "shadow_aperture",
     shader: SHADER,
     entry: "aperture",
-    bindings: &[(&APERTURE_SHIFTS, Read), (&THROUGH, Read), (&AMPLITUDE_NEXT, WriteOwn)],
+    bindings: &[
+        (&APERTURE_SHIFTS, Read),
+        (&THROUGH, Read),
+        (&AMPLITUDE_NEXT, WriteOwn),
+        (&APERTURE_WEIGHTS, Read),
+    ],
     params,
     grid: Grid::Samples,
     flips: false,
@@ -309,21 +347,16 @@ const APERTURE: Pass = Pass {
     bound: bound!(Covered("by the bound of `shadow`")),
 };
 
-/// Whether shadows widen with depth: the scene has occluders.
+/// Whether shadows widen with depth: the scene has tissues of different losses, or a needle.
 pub fn opens(tables: &Tables) -> bool {
-    let Some(shadow) = tables
-        .settings
-        .effects
-        .shadow
-        .as_ref()
-        .filter(|shadow| shadow.f_number > 0.0)
-    else {
+    let Some(shadow) = &tables.settings.effects.shadow else {
         return false;
     };
-    let opaque = penumbra::opaque_units(tables.sample_mm());
     let mut rows = tables.label_rows.iter().enumerate();
-    let occludes = rows.any(|(index, row)| row.loss >= opaque && tables.volume.holds(index));
-    occludes || (super::needle::present(tables) && shadow.needle_db_mm > 0.0)
+    let mut losses = rows.by_ref().filter(|(index, _)| tables.volume.holds(*index)).map(|(_, row)| row.loss);
+    let differs = losses.next().is_some_and(|first| losses.any(|loss| loss != first));
+    let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
+    shadow.f_number != Some(0.0) && (differs || needle)
 }
 
 /// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
@@ -442,8 +475,6 @@ block! {
         needle_units: f32,
         /// Base-2 exponent of the amplitude per unit of loss, one way; negative.
         exponent: f32,
-        /// 1 if occluders are handled by the rays of the aperture.
-        opens: u32,
         /// Amplitude of a repeated echo relative to the echo, before attenuation.
         reverberation: f32,
         /// Distance between scanlines at the array, in sample distances.
@@ -453,7 +484,7 @@ block! {
         /// Amplitude of a mirror image relative to the echo.
         mirror: f32,
         /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        unused: [u32; 2],
     }
 }
 
@@ -472,12 +503,11 @@ fn params(view: &View, _: Band) -> ParamBlock {
         opaque_units: penumbra::opaque_units(tables.sample_mm()),
         needle_units: needle_units(tables),
         exponent: (0.5 * exponent_per_unit()) as f32,
-        opens: u32::from(opens(tables)),
         reverberation: reverberation::share(tables) as f32,
         spacing,
         spreading,
         mirror: mirror::share(tables) as f32,
-        unused: 0,
+        unused: [0; 2],
     })
 }
 
@@ -493,14 +523,17 @@ pub(crate) fn needle_units(tables: &Tables) -> f32 {
     units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
 }
 
+/// Loss over a sample of each label, units.
+fn loss_of_labels(tables: &Tables) -> [u32; 256] {
+    std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss))
+}
+
 fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let loss: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss));
+    let loss = loss_of_labels(tables);
     let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let mask = &store.needle_mask;
-    let exponent = T::of(0.5 * exponent_per_unit());
-    let (opens, opaque) = (opens(tables), penumbra::opaque_units(tables.sample_mm()));
     for_each(
         (
             0..,
@@ -517,24 +550,33 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
                 }
             };
             accumulate(sample_loss, down_to);
-            let power = |loss: u32| (T::of(f64::from(loss)) * exponent).exp2();
-            if !opens {
-                for (through, &loss) in through.iter_mut().zip(down_to.iter()) {
-                    *through = power(loss);
-                }
-                return;
-            }
-            let mut above = 0u32;
-            for (through, label) in through.iter_mut().zip(labels) {
-                // Opaque tissue and the needle are left to the rays across the aperture: counted here too,
-                // they would shade twice.
-                let sample_loss = loss[usize::from(*label)];
-                let sample_loss = if sample_loss < opaque { sample_loss } else { 0 };
-                *through = power((above + sample_loss / 2).min(MAX_UNITS));
-                above = (above + sample_loss).min(MAX_UNITS);
-            }
+            T::vectorised(OneWay { down_to, through });
         },
     );
+}
+
+/// One-way transmittances of losses.
+struct OneWay<'a, T> {
+    down_to: &'a [u32],
+    through: &'a mut [T],
+}
+
+impl<T: Real> Kernel for OneWay<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let exponent = T::of(0.5 * exponent_per_unit());
+        for (through, down_to) in self.through.iter_mut().zip(self.down_to) {
+            *through = one_way(*down_to, exponent);
+        }
+    }
+}
+
+/// One-way transmittance of a loss, at most [`MAX_UNITS`].
+#[inline(always)]
+fn one_way<T: Real>(units: u32, exponent: T) -> T {
+    (T::from_signed(units as i32) * exponent).fraction_of_two()
 }
 
 /// Accumulates the loss down to the centre of each sample, from each sample's own loss.

@@ -125,7 +125,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         .effects
         .shadow
         .as_ref()
-        .map(|shadow| shadow.beam_mm);
+        .map(|shadow| shadow.needle_beam_mm());
     if slack.specular.is_empty() {
         slack.specular = vec![[0.0; 2]; step.lines() * step.samples()];
     }

@@ -1,214 +1,429 @@
-//! Aperture: bone, gas and needles shade a point from only part of the aperture, so that the edges of their shadows
-//! widen with depth.
+//! Aperture: what loses more than its surroundings shades a point from only part of the aperture, so that the edges of
+//! its shadow widen with depth.
 //!
-//! A scanner receives from a point at depth `z` with elements up to `z / (2 F)` to either side, of f-number `F`. Rays
-//! from [`RAYS`] of them run straight to each point; the wave is the mean of their transmittances (O. Mattausch and O.
-//! Goksel, Eurographics Workshop on Visual Computing for Biology and Medicine, 2016, cast such rays at random). A ray
-//! from an element has the same angle for all points on it, so that the losses down one ray serve all of them: they are
-//! accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. The attenuation of
-//! soft tissue is that of the scanline.
+//! [`RAYS`] straight rays run from elements of the array to each point. Each stands for the elements around its own: on
+//! reception for their weights over the aperture of the f-number at that depth, on transmission for their share of the
+//! aperture of the transmit focus. The echo is multiplied by the mean transmittance on either way, the root of whose
+//! product is the one-way transmittance that `penumbra` takes (O. Mattausch and O. Goksel, Eurographics Workshop on
+//! Visual Computing for Biology and Medicine, 2016, cast rays over an aperture at random). The angle at which a ray
+//! leaves the array does not change with the point, so that the losses down one ray serve all points on it: they are
+//! accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. Rays to a phased
+//! array, whose scanlines all begin at one element, are told apart by their distance from it, and counted by where they
+//! leave the image. Beside the image tissue is as at its edge.
 
 use std::ops::Range;
 
-use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, penumbra};
+use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, one_way};
+use crate::effects::lateral::BLOCK;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
-use insonify_base::real::Real;
-use insonify_tracking::probe::BeamGrid;
+use insonify_base::real::{Numbers, Real};
+use insonify_base::simd::Kernel;
+use insonify_tracking::probe::{Apodisation, BeamGrid, Transducer};
 
-/// Number of rays to a point, the middle one down its scanline.
-pub const RAYS: usize = 5;
+/// Number of rays to a point, the middle one down its scanline. With nine, penumbrae of the table in `physics.rs` are
+/// within 12 % of those of a continuous aperture, with seven within 22 %.
+pub const RAYS: usize = 9;
 /// Number of rays to either side.
 const SIDE: usize = RAYS / 2;
 
-impl Shadow {
-    /// For each off-centre ray, from the inside outwards, a row over the samples: scanlines between the point and the
-    /// element. Empty if shadows do not widen.
-    pub fn shifts(&self, grid: &BeamGrid) -> Vec<u32> {
-        if self.f_number > 0.0 {
-            shifts(self.f_number, grid)
-        } else {
-            Vec::new()
+/// Share of the weights on reception that the rays stand for; those farthest from the middle weigh little.
+const SPANNED: f64 = 0.96;
+
+/// Depth of what typically casts shadows, over that of the image: behind it the steps between the shades of
+/// neighbouring rays are smoothed out.
+const CROSSING: f64 = 0.25;
+
+/// Largest angle between a ray and the surface normal of the array, radians.
+const STEEPEST: f64 = 1.2;
+
+/// Rays of the aperture to the points of a grid; empty if shadows do not widen.
+#[derive(Clone, Debug, Default)]
+pub struct Aperture {
+    /// Per distance from the middle ray, a row over the samples: scanlines that a ray crosses down to there.
+    pub shifts: Vec<i32>,
+    /// Per distance from the middle ray, a row over the samples each for transmission and reception: weight of the ray.
+    pub weights: Numbers,
+    /// Per sample: scanlines between neighbouring rays that crossed at [`CROSSING`].
+    pub apart: Vec<f64>,
+    /// Per distance from the middle ray: ranges of samples on which a ray stays on a scanline, none across [`BLOCK`]s.
+    runs: Vec<Vec<Range<usize>>>,
+}
+
+/// Courses of the rays between the array and a depth.
+struct Fan {
+    /// Radius of the array, mm: 0 of a phased one, `None` if scanlines are parallel.
+    radius_mm: Option<f64>,
+}
+
+impl Fan {
+    /// Ray from an element: the tangent of its angle; of a curved array the angle, of a phased one the element.
+    fn ray(&self, element_mm: f64, depth_mm: f64) -> f64 {
+        match self.radius_mm {
+            None => element_mm / depth_mm,
+            Some(0.0) => element_mm,
+            Some(radius_mm) => {
+                let (sin, cos) = (element_mm / radius_mm).min(std::f64::consts::PI).sin_cos();
+                let apex_mm = radius_mm + depth_mm;
+                (apex_mm * sin).atan2(apex_mm * cos - radius_mm).min(STEEPEST)
+            }
         }
     }
-}
 
-fn shifts(f_number: f64, grid: &BeamGrid) -> Vec<u32> {
-    let mut shifts = Vec::with_capacity(SIDE * grid.samples());
-    for ray in 1..=SIDE {
-        // Rays represent equal parts of the aperture.
-        let slope = ray as f64 / RAYS as f64 / f_number;
-        let mut lines = 0.0;
-        for sample in 0..grid.samples() {
-            let spacing = grid.lateral_spacing_mm(grid.sample_depth_mm(sample)).max(1e-6);
-            let step = slope * grid.sample_spacing_mm() / spacing;
-            shifts.push((lines + 0.5 * step).round() as u32);
-            lines += step;
+    /// Element of a ray to a depth: distance along the array from the scanline of the point there, mm.
+    fn element_mm(&self, ray: f64, depth_mm: f64) -> f64 {
+        match self.radius_mm {
+            None => ray * depth_mm,
+            Some(0.0) => ray,
+            Some(radius_mm) => radius_mm * (ray - (radius_mm * ray.sin() / (radius_mm + depth_mm)).asin()),
         }
     }
-    shifts
+
+    /// Scanlines that a ray has crossed at a depth since it left the array; to a phased one, less those to the end of
+    /// the image.
+    fn shift(&self, ray: f64, depth_mm: f64, grid: &BeamGrid) -> f64 {
+        if self.radius_mm != Some(0.0) {
+            return self.element_mm(ray, depth_mm) / grid.lateral_spacing_mm(0.0);
+        }
+        let angle = |depth_mm: f64| (ray / depth_mm).min(1.0).asin();
+        (angle(grid.depth_mm()) - angle(depth_mm)) / grid.lateral_spacing_mm(1.0)
+    }
 }
 
-/// Ranges of samples on which rays stay on their scanlines.
-pub fn runs(shifts: &[u32], samples: usize) -> Vec<Range<usize>> {
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    if shifts.is_empty() {
-        return runs;
+/// Share of the weights within a distance from the middle of an aperture, in halves of it.
+struct Cumulative(Vec<f64>);
+
+impl Cumulative {
+    const STEPS: usize = 256;
+
+    fn new(apodisation: Apodisation) -> Self {
+        let step = 1.0 / Self::STEPS as f64;
+        let weight = |index: usize| apodisation.weight((index as f64 + 0.5) * step);
+        let total: f64 = (0..Self::STEPS).map(weight).sum();
+        let sums = (0..Self::STEPS).scan(0.0, |sum, index| {
+            *sum += weight(index) / total;
+            Some(*sum)
+        });
+        Self([0.0].into_iter().chain(sums).collect())
     }
-    for sample in 0..samples {
-        let same = |first: usize| shifts.chunks(samples).all(|row| row[first] == row[sample]);
-        match runs.last_mut() {
-            Some(run) if same(run.start) => run.end += 1,
-            _ => runs.push(sample..sample + 1),
+
+    fn within(&self, distance: f64) -> f64 {
+        let at = distance.clamp(0.0, 1.0) * Self::STEPS as f64;
+        let before = (at as usize).min(Self::STEPS - 1);
+        self.0[before] + (at - before as f64) * (self.0[before + 1] - self.0[before])
+    }
+
+    fn distance(&self, share: f64) -> f64 {
+        self.0.partition_point(|within| *within < share) as f64 / Self::STEPS as f64
+    }
+}
+
+impl Aperture {
+    /// Rays from the aperture of a transducer, with the f-number on reception of the shadow if it states one.
+    pub fn new(shadow: &Shadow, transducer: &Transducer, grid: &BeamGrid) -> Self {
+        let f_number = shadow.f_number.unwrap_or(transducer.receive_f_number);
+        if f_number == 0.0 {
+            return Self::default();
+        }
+        let fan = Fan {
+            radius_mm: grid.virtual_apex_mm(),
+        };
+        let largest = 0.5 * transducer.aperture_mm;
+        let half_element = 0.5 * transducer.element_mm;
+        let receive = |depth_mm: f64| (0.5 * depth_mm / f_number).max(half_element);
+        let transmit_mm = transducer.transmit_focus_mm / transducer.transmit_f_number;
+        let transmit = (0.5 * transmit_mm).max(half_element).min(largest);
+        let weights = Cumulative::new(transducer.apodisation);
+        // Near the array, where shadows are as narrow as what casts them, apertures of every depth would do.
+        let spanned = weights.distance(SPANNED);
+        let edge = |step: u32| {
+            let depth_mm = grid.depth_mm() * f64::from(step) / 32.0;
+            fan.ray((spanned * receive(depth_mm)).min(largest), depth_mm)
+        };
+        let step = (8..=32).map(edge).fold(0.0, f64::max) / (0.5 * RAYS as f64);
+        let samples = grid.samples();
+        let shifts = (0..=SIDE).flat_map(|ray| {
+            let fan = &fan;
+            (0..samples).map(move |sample| fan.shift(ray as f64 * step, grid.sample_depth_mm(sample), grid).round() as i32)
+        });
+        let shifts: Vec<i32> = shifts.collect();
+        let mut rows = vec![0.0; 2 * (SIDE + 1) * samples];
+        for sample in 0..samples {
+            let depth_mm = grid.sample_depth_mm(sample);
+            // Weights of the elements up to those halfway to the next ray.
+            let up_to = |ray: usize| {
+                let element_mm = fan.element_mm((ray as f64 + 0.5) * step, depth_mm).min(largest);
+                [element_mm.min(transmit) / transmit, weights.within(element_mm / receive(depth_mm))]
+            };
+            let all = up_to(SIDE);
+            for ray in 0..=SIDE {
+                let (to, from) = (up_to(ray), ray.checked_sub(1).map_or([0.0; 2], up_to));
+                for way in 0..2 {
+                    let on_either_side = if ray == 0 { 1.0 } else { 0.5 };
+                    rows[(2 * ray + way) * samples + sample] = on_either_side * (to[way] - from[way]) / all[way];
+                }
+            }
+        }
+        let runs = shifts.chunks(samples).map(|row| {
+            let mut runs: Vec<Range<usize>> = Vec::new();
+            for (sample, shift) in row.iter().enumerate() {
+                match runs.last_mut() {
+                    Some(run) if row[run.start] == *shift && sample % BLOCK > 0 => run.end += 1,
+                    _ => runs.push(sample..sample + 1),
+                }
+            }
+            runs
+        });
+        let shift = |depth_mm: f64| fan.shift(step, depth_mm, grid);
+        let crossing_mm = CROSSING * grid.depth_mm();
+        let apart = |sample: usize| shift(grid.sample_depth_mm(sample).max(crossing_mm)) - shift(crossing_mm);
+        Self {
+            runs: runs.collect(),
+            weights: Numbers::new(rows),
+            apart: (0..samples).map(apart).collect(),
+            shifts,
         }
     }
-    runs
-}
 
-/// Scanline of an element's ray at a sample; `None` outside the image.
-pub(crate) fn line_at(
-    shifts: &[u32],
-    samples: usize,
-    [ray, element, sample]: [usize; 3],
-    lines: usize,
-) -> Option<usize> {
-    let shift = |row: usize| shifts[row * samples + sample] as usize;
-    match ray {
-        _ if ray < SIDE => element.checked_sub(shift(SIDE - 1 - ray)),
-        _ if ray > SIDE => Some(element + shift(ray - SIDE - 1)).filter(|line| *line < lines),
-        _ => Some(element),
+    /// Scanline of an element's ray at a sample; beside the image the next in it.
+    pub(crate) fn line_at(&self, [ray, element, sample]: [usize; 3], lines: usize) -> usize {
+        let line = element as i64 + self.shift(ray, sample);
+        line.clamp(0, lines as i64 - 1) as usize
     }
-}
 
-/// Element whose ray crosses a scanline at a sample; `None` outside the array.
-pub(crate) fn element_at(
-    shifts: &[u32],
-    samples: usize,
-    [ray, line, sample]: [usize; 3],
-    lines: usize,
-) -> Option<usize> {
-    line_at(shifts, samples, [RAYS - 1 - ray, line, sample], lines)
-}
+    /// Element whose ray crosses a scanline at a sample; `None` beyond the array.
+    pub(crate) fn element_at(&self, [ray, line, sample]: [usize; 3], lines: usize) -> Option<usize> {
+        let element = line as i64 - self.shift(ray, sample);
+        (0..lines as i64).contains(&element).then_some(element as usize)
+    }
 
-/// Loss of each occluding label; 0 for others.
-fn occluding(tables: &Tables) -> [u32; 256] {
-    let opaque = penumbra::opaque_units(tables.sample_mm());
-    std::array::from_fn(|label| {
-        let loss = tables.label_rows.get(label).map_or(0, |row| row.loss);
-        if loss >= opaque { loss } else { 0 }
-    })
+    fn shift(&self, ray: usize, sample: usize) -> i64 {
+        let samples = self.apart.len();
+        let shift = i64::from(self.shifts[ray.abs_diff(SIDE) * samples + sample]);
+        if ray < SIDE { -shift } else { shift }
+    }
+
+    /// Weights of a ray at the samples, on transmission and on reception.
+    pub(crate) fn weights<T: Real>(&self, ray: usize) -> [&[T]; 2] {
+        let samples = self.apart.len();
+        let rows = &self.weights.of::<T>()[2 * ray.abs_diff(SIDE) * samples..];
+        [&rows[..samples], &rows[samples..2 * samples]]
+    }
+
+    /// Runs of a ray in the block that begins at a sample.
+    fn runs(&self, ray: usize, start: usize) -> impl Iterator<Item = &Range<usize>> {
+        let runs = &self.runs[ray.abs_diff(SIDE)];
+        let first = runs.partition_point(|run| run.start < start);
+        runs[first..].iter().take_while(move |run| run.start < start + BLOCK)
+    }
 }
 
 /// One-way transmittance of each ray of each element, down to each sample.
 pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let loss = occluding(tables);
+    let loss = super::loss_of_labels(tables);
     let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
-    let exponent = T::of(0.5 * exponent_per_unit());
     let (labels, mask) = (&store.label, &store.needle_mask);
-    for_each((0.., chunks_mut(&mut store.effects.shadow.through, samples)), &|(
-        row,
-        through,
-    )| {
-        let (ray, element) = (row / lines, row % lines);
-        let (mut above, mut left) = (0u32, T::one());
-        for run in &tables.effects.shadow.aperture_runs {
-            let out = &mut through[run.clone()];
-            // A ray stays on one scanline for a run; outside the array nothing occludes it.
-            let Some(line) = line_at(
-                &tables.effects.shadow.aperture,
-                samples,
-                [ray, element, run.start],
-                lines,
-            ) else {
-                out.fill(left);
-                continue;
-            };
-            let first = line * samples + run.start;
-            for (offset, (label, out)) in labels[first..].iter().zip(out).enumerate() {
-                let shade = |units: T| (mask[first + offset][1] * units).to_u32().unwrap_or(0);
-                let sample_loss = loss[usize::from(*label)] + needle.map_or(0, shade);
-                if sample_loss == 0 {
-                    *out = left;
-                    continue;
-                }
-                let to = |units: u32| (T::of(f64::from(units.min(MAX_UNITS))) * exponent).exp2();
-                *out = to(above + sample_loss / 2);
-                above = (above + sample_loss).min(MAX_UNITS);
-                left = to(above);
-            }
-        }
+    let rows = chunks_mut(&mut store.effects.shadow.through, samples);
+    for_each((0.., rows), &|(row, through)| {
+        T::vectorised(Ray {
+            aperture: &tables.effects.shadow.aperture,
+            ray_and_element: [row / lines, row % lines],
+            lines,
+            loss: &loss,
+            needle,
+            labels,
+            mask,
+            through,
+        });
     });
 }
 
-/// Multiplies the one-way transmittance of each sample by the mean transmittance of its rays.
+/// A ray of an element.
+struct Ray<'a, T> {
+    aperture: &'a Aperture,
+    ray_and_element: [usize; 2],
+    lines: usize,
+    loss: &'a [u32; 256],
+    needle: Option<T>,
+    labels: &'a [u8],
+    mask: &'a [[T; 2]],
+    through: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Ray<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let samples = self.through.len();
+        let [ray, element] = self.ray_and_element;
+        let exponent = T::of(0.5 * exponent_per_unit());
+        let mut above = 0u32;
+        for (block, through) in self.through.chunks_mut(BLOCK).enumerate() {
+            let mut down_to = [0u32; BLOCK];
+            for run in self.aperture.runs(ray, block * BLOCK) {
+                let line = self.aperture.line_at([ray, element, run.start], self.lines);
+                let place = line * samples + run.start..line * samples + run.end;
+                let down_to = &mut down_to[run.start - block * BLOCK..];
+                let mut pass = |down_to: &mut u32, own: u32| {
+                    *down_to = (above + own / 2).min(MAX_UNITS);
+                    above = (above + own).min(MAX_UNITS);
+                };
+                let labels = self.labels[place.clone()].iter().zip(down_to);
+                match self.needle {
+                    None => labels.for_each(|(label, down_to)| pass(down_to, self.loss[usize::from(*label)])),
+                    Some(units) => labels.zip(&self.mask[place]).for_each(|((label, down_to), mask)| {
+                        let needle = (mask[1] * units).to_u32().unwrap_or(0);
+                        pass(down_to, self.loss[usize::from(*label)] + needle);
+                    }),
+                }
+            }
+            for (through, down_to) in through.iter_mut().zip(down_to) {
+                *through = one_way(down_to, exponent);
+            }
+        }
+    }
+}
+
+/// One-way transmittance of each sample: the root of the product of the means on the way there and back.
 pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let through = &store.effects.shadow.through;
-    for_each(
-        (0.., chunks_mut(&mut store.amplitude_next[..lines * samples], samples)),
-        &|(line, left)| {
-            for run in &tables.effects.shadow.aperture_runs {
-                let mut rays: [&[T]; RAYS] = [&[]; RAYS];
-                let mut count = 0;
-                for ray in 0..RAYS {
-                    if let Some(element) =
-                        element_at(&tables.effects.shadow.aperture, samples, [ray, line, run.start], lines)
-                    {
-                        rays[count] = &through[(ray * lines + element) * samples..][run.clone()];
-                        count += 1;
-                    }
-                }
-                let left = &mut left[run.clone()];
-                let share = T::one() / T::of(count as f64);
-                // Almost everywhere all rays end on the array: a sum of five slices, which runs in vector registers.
-                match rays {
-                    [a, b, c, d, e] if count == RAYS => {
-                        for (sample, left) in left.iter_mut().enumerate() {
-                            *left *= (a[sample] + b[sample] + c[sample] + d[sample] + e[sample]) * share;
+    let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
+    for_each((0.., scanlines), &|(line, left)| {
+        T::vectorised(Mean {
+            aperture: &tables.effects.shadow.aperture,
+            line_and_count: [line, lines],
+            through,
+            left,
+        });
+    });
+}
+
+/// The means of a scanline.
+struct Mean<'a, T> {
+    aperture: &'a Aperture,
+    line_and_count: [usize; 2],
+    through: &'a [T],
+    left: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Mean<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let samples = self.left.len();
+        let [line, lines] = self.line_and_count;
+        for (block, left) in self.left.chunks_mut(BLOCK).enumerate() {
+            let start = block * BLOCK;
+            let mut there = [T::zero(); BLOCK];
+            let mut back = [T::zero(); BLOCK];
+            let mut missing = [[T::zero(); BLOCK]; 2];
+            for ray in 0..RAYS {
+                let [transmit, receive] = self.aperture.weights::<T>(ray);
+                for run in self.aperture.runs(ray, start) {
+                    let (transmit, receive) = (&transmit[run.clone()], &receive[run.clone()]);
+                    let first = run.start - start;
+                    if let Some(element) = self.aperture.element_at([ray, line, run.start], lines) {
+                        let through = &self.through[(ray * lines + element) * samples..][run.clone()];
+                        let sums = there[first..].iter_mut().zip(&mut back[first..]);
+                        for (((there, back), through), (to, from)) in sums.zip(through).zip(transmit.iter().zip(receive)) {
+                            *there += *to * *through;
+                            *back += *from * *through;
                         }
-                    }
-                    _ => {
-                        for (sample, left) in left.iter_mut().enumerate() {
-                            let sum = rays[..count].iter().fold(T::zero(), |sum, ray| sum + ray[sample]);
-                            *left *= sum * share;
+                    } else {
+                        for (missing, weights) in missing.iter_mut().zip([transmit, receive]) {
+                            for (missing, weight) in missing[first..].iter_mut().zip(weights) {
+                                *missing += *weight;
+                            }
                         }
                     }
                 }
             }
-        },
-    );
+            for (i, left) in left.iter_mut().enumerate() {
+                let present = (T::one() - missing[0][i]) * (T::one() - missing[1][i]);
+                *left = (there[i] * back[i] / present).sqrt();
+            }
+        }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use insonify_tracking::probe::{BeamGrid, Linear, Probe};
+    use insonify_tracking::probe::{Curvilinear, Linear, Phased, Probe, ProbeShape};
+
+    fn aperture(shape: ProbeShape) -> (Aperture, BeamGrid) {
+        let mut probe = Probe::new(shape, 60.0).expect("a probe");
+        (probe.lines, probe.samples) = (101, 300);
+        let grid = BeamGrid::new(&probe).expect("a grid");
+        (Aperture::new(&Shadow::default(), &probe.transducer(), &grid), grid)
+    }
 
     #[test]
     fn rays_lean_by_the_aperture_and_find_their_elements_again() {
-        let mut probe = Probe::new(Linear { width_mm: 50.0 }, 60.0).expect("a probe");
-        (probe.lines, probe.samples) = (101, 300);
-        let grid = BeamGrid::new(&probe).expect("a grid");
-        let (samples, lines) = (grid.samples(), grid.lines());
-        let shifts = shifts(2.0, &grid);
-        // At 40 mm the outer rays come from 2 / 5 of 20 mm to either side; scanlines are half a millimetre apart.
+        let (aperture, grid) = aperture(ProbeShape::Linear(Linear { width_mm: 50.0 }));
+        let lines = grid.lines();
+        // At 40 mm 0.705 of the 13.3 mm of f/1.5 to either side, in 4.5 steps; scanlines are half a millimetre apart.
         let sample = 200;
-        assert!(
-            (f64::from(shifts[samples + sample]) - 16.0).abs() <= 1.0,
-            "{}",
-            shifts[samples + sample]
-        );
+        let element = |ray: usize, line: usize, sample: usize| aperture.element_at([ray, line, sample], lines);
+        assert_eq!(element(0, 50, sample), Some(67));
         for ray in 0..RAYS {
-            let element = element_at(&shifts, samples, [ray, 50, sample], lines).expect("an element");
-            assert_eq!(line_at(&shifts, samples, [ray, element, sample], lines), Some(50));
-            assert_eq!(line_at(&shifts, samples, [ray, element, 0], lines), Some(element));
+            let element = element(ray, 50, sample).expect("an element");
+            assert_eq!(aperture.line_at([ray, element, sample], lines), 50);
+            assert_eq!(aperture.line_at([ray, element, 0], lines), element);
         }
-        assert_eq!(element_at(&shifts, samples, [0, 95, sample], lines), None);
-        assert_eq!(element_at(&shifts, samples, [RAYS - 1, 5, sample], lines), None);
+        assert_eq!([element(0, 95, sample), element(RAYS - 1, 5, sample)], [None; 2]);
+        // Every place of a ray's row is in one run, on one scanline.
+        for ray in 0..RAYS {
+            let runs = (0..300).step_by(BLOCK).flat_map(|start| aperture.runs(ray, start));
+            let places: Vec<usize> = runs
+                .inspect(|run| assert_eq!(aperture.shift(ray, run.start), aperture.shift(ray, run.end - 1)))
+                .flat_map(Clone::clone)
+                .collect();
+            assert_eq!(places, (0..300).collect::<Vec<_>>());
+        }
+    }
+
+    /// Distance of the scanlines that a ray crosses from the straight line between its ends.
+    #[test]
+    fn rays_are_straight_under_every_array() {
+        for shape in [
+            ProbeShape::Linear(Linear { width_mm: 60.0 }),
+            ProbeShape::Curvilinear(Curvilinear { radius_mm: 40.0, angle_deg: 80.0 }),
+            ProbeShape::Phased(Phased { angle_deg: 90.0 }),
+        ] {
+            let (aperture, grid) = aperture(shape);
+            let place = |sample: usize| {
+                let line = aperture.line_at([RAYS - 2, 50, sample], grid.lines());
+                grid.to_plane(line as f64, sample as f64)
+            };
+            let (start, end) = (100, 299);
+            let [a, b] = [start, end].map(place);
+            let length = (b[0] - a[0]).hypot(b[1] - a[1]);
+            for sample in start..end {
+                let p = place(sample);
+                let aside = ((p[0] - a[0]) * (b[1] - a[1]) - (p[1] - a[1]) * (b[0] - a[0])) / length;
+                // Half a scanline at each of three places.
+                let rounded = 1.2 * grid.lateral_spacing_mm(60.0);
+                assert!(aside.abs() < rounded, "{shape:?}: {aside} mm aside at sample {sample}");
+            }
+        }
+    }
+
+    #[test]
+    fn weights_add_up_and_transmission_takes_fewer_rays_with_depth() {
+        let (aperture, grid) = aperture(ProbeShape::Linear(Linear { width_mm: 50.0 }));
+        for sample in 0..grid.samples() {
+            let sum = |way: usize| (0..RAYS).map(|ray| aperture.weights::<f64>(ray)[way][sample]).sum::<f64>();
+            assert!((sum(0) - 1.0).abs() < 1e-12 && (sum(1) - 1.0).abs() < 1e-12, "{sample}");
+        }
+        let taken = |sample: usize| (0..RAYS).filter(|ray| aperture.weights::<f64>(*ray)[0][sample] > 0.0).count();
+        assert_eq!([taken(20), taken(299)], [RAYS, 5]);
     }
 }

@@ -2,7 +2,7 @@
 //! means over the aperture and over the beam.
 
 use crate::effects::common::spacing;
-use crate::effects::shadow::aperture::{RAYS, element_at, line_at};
+use crate::effects::shadow::aperture::RAYS;
 use crate::effects::shadow::penumbra::opaque_units;
 use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
 use crate::effects::shadow::{MAX_UNITS, exponent_per_unit, mirror, needle_units, opens};
@@ -14,25 +14,18 @@ use crate::parity::{Slack, Step};
 pub(crate) fn carry_loss(step: &Step, slack: &mut Slack) {
     let samples = step.samples();
     let scanlines = (0..step.lines()).flat_map(|line| {
-        down(samples, |sample| {
-            let index = line * samples + sample;
-            let [tissue, tissue_off] = tissue(step, index, |_| true);
-            let [needle, needle_off] = needle(step, slack, index);
-            [tissue + needle, tissue_off + needle_off]
-        })
+        down(samples, |sample| loss(step, slack, line * samples + sample))
     });
     let losses = scanlines.map(|[_, off]| off).collect();
     slack.loss = losses;
 }
 
-/// Returns the loss of a sample, in units, in a tissue that counts, and its error bound.
-fn tissue(step: &Step, index: usize, counts: impl Fn(u32) -> bool) -> [f64; 2] {
-    let loss = |label: u8| {
-        let loss = step.tables.label_rows[usize::from(label)].loss;
-        if counts(loss) { f64::from(loss) } else { 0.0 }
-    };
-    let [exact, twin] = [step.after, step.twin].map(|beam| loss(beam.label[index]));
-    [exact, (exact - twin).abs()]
+/// Returns the loss of a sample, in units, with its error bound.
+fn loss(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
+    let tissue = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].loss);
+    let [exact, twin] = [step.after, step.twin].map(|beam| tissue(beam.label[index]));
+    let [needle, needle_off] = needle(step, slack, index);
+    [exact + needle, (exact - twin).abs() + needle_off]
 }
 
 /// Returns the loss of a sample in the needle, in units, and its error bound.
@@ -72,50 +65,44 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         let losses = step.after.loss.iter().zip(&slack.loss);
         return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
     }
-    let opaque = opaque_units(step.tables.sample_mm());
-    let shifts = &step.tables.effects.shadow.aperture;
-    // By ray of the aperture: opaque tissue and the needle shade the rays that meet them, not the whole aperture.
+    let aperture = &step.tables.effects.shadow.aperture;
     let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);
             let losses = down(samples, |sample| {
-                let Some(line) = line_at(shifts, samples, [ray, element, sample], lines) else {
-                    return [0.0; 2];
-                };
-                let index = line * samples + sample;
-                let [tissue, tissue_off] = tissue(step, index, |loss| loss >= opaque);
-                let [needle, needle_off] = needle(step, slack, index);
-                [tissue + needle, tissue_off + needle_off]
+                let line = aperture.line_at([ray, element, sample], lines);
+                loss(step, slack, line * samples + sample)
             });
             losses.into_iter().map(|[loss, off]| one_way(loss, off))
         })
         .collect();
     let mean = |line: usize, sample: usize| {
-        let elements = (0..RAYS).filter_map(|ray| {
-            element_at(shifts, samples, [ray, line, sample], lines)
-                .map(|element| (ray * lines + element) * samples + sample)
-        });
-        let (sum, count) = elements.fold(([0.0; 2], 0.0), |([value, off], count), element| {
-            ([value + of_rays[element][0], off + of_rays[element][1]], count + 1.0)
-        });
-        let [value, off] = sum.map(|x| x / count);
-        [value, off + ((RAYS + 1) as f64 * ULP + DIVIDE) * (value + off)]
+        // Least, exact and largest product of the means, and of the weights that are present.
+        let (mut product, mut whole) = ([1.0; 3], 1.0);
+        for way in 0..2 {
+            let (mut sum, mut off, mut present) = (0.0, 0.0, 0.0);
+            for ray in 0..RAYS {
+                let weight = aperture.weights::<f64>(ray)[way][sample];
+                if let Some(element) = aperture.element_at([ray, line, sample], lines) {
+                    let [through, through_off] = of_rays[(ray * lines + element) * samples + sample];
+                    sum += weight * through;
+                    off += weight * through_off;
+                    present += weight;
+                }
+            }
+            // Weights stored (1/2), products (1) and sums; what is present to as many, relative to 1.
+            let off = off + (RAYS as f64 + 1.5) * ULP * (sum + off) * (1.0 + 1.0 / present) + TINY;
+            product[0] *= (sum - off).max(0.0) / present;
+            product[1] *= sum / present;
+            product[2] *= (sum + off) / present;
+            whole *= present;
+        }
+        let [least, exact, most] = product.map(f64::sqrt);
+        // Two products, the division and the root; small products may be flushed to zero.
+        let off = (DIVIDE + ROOT + 2.0 * ULP) * most + 2.0 * (TINY / whole).sqrt();
+        [exact, (most - exact).max(exact - least) + off]
     };
-    (0..lines)
-        .flat_map(|line| {
-            // Soft tissue is taken to shade all rays to a sample alike: it counts once, down the scanline.
-            let soft = down(samples, |sample| {
-                tissue(step, line * samples + sample, |loss| loss < opaque)
-            });
-            let soft = soft.into_iter().map(|[loss, off]| one_way(loss, off)).enumerate();
-            soft.map(move |(sample, soft)| (line, sample, soft))
-        })
-        .map(|(line, sample, [soft, soft_off])| {
-            let [mean, mean_off] = mean(line, sample);
-            let off = soft_off * (mean + mean_off) + soft * mean_off;
-            [soft * mean, off + ULP * (soft * mean + off) + TINY]
-        })
-        .collect()
+    (0..lines * samples).map(|index| mean(index / samples, index % samples)).collect()
 }
 
 /// Returns the one-way transmittance for a loss, and its error bound.

@@ -25,29 +25,29 @@ fn attenuation_and_occlusion_on_every_probe_shape() {
 fn beams_of_any_width() {
     let mut cases = Vec::new();
     for (name, shape) in SHAPES {
-        for beam_mm in [0.0, 0.4, 20.0] {
+        for beam_mm in [Some(0.0), Some(0.4), Some(20.0), None] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
             settings.effects.shadow = Some(Shadow {
                 beam_mm,
                 ..Shadow::default()
             });
-            cases.push(random(format!("{name}, {beam_mm} mm"), settings));
+            cases.push(random(format!("{name}, {beam_mm:?} mm"), settings));
         }
     }
     check_all(&cases);
 }
 
 #[test]
-fn opaque_tissue_is_seen_by_its_own_scanline() {
+fn opaque_tissue_shades_part_of_the_aperture() {
     let mut cases = Vec::new();
     for (name, shape) in SHAPES {
         let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 96), scene::bare());
-        for f_number in [0.0, 0.7, 2.5] {
+        for f_number in [Some(0.0), Some(0.7), Some(2.5), None] {
             settings.effects.shadow = Some(Shadow {
                 f_number,
                 ..Default::default()
             });
-            let name = format!("{name}, f-number {f_number}");
+            let name = format!("{name}, f-number {f_number:?}");
             cases.push(Case::new(
                 name,
                 scenes::with_bone(),

@@ -1,15 +1,17 @@
 //! Penumbra: shadow edges as soft as the beam is wide.
 //!
-//! An obstacle shades part of the aperture. The wave that reaches a depth is the mean over the aperture of what each
-//! part transmits, and the echo returns through the same aperture: with `t` the one-way transmittance down each
-//! scanline, the echo is multiplied by `(sum w t)^2`, where `w` are Gaussian weights across scanlines of the width of
-//! the beam. At the edge of a half plane that is a quarter of the amplitude. A sample inside an opaque tissue is seen
+//! With `t` the one-way transmittance of each scanline, the echo is multiplied by `(sum w t)^2`, where `w` are Gaussian
+//! weights across scanlines of the width of the beam: at the edge of a half plane a quarter of the amplitude. If that
+//! width is not stated, it is the lateral length of the point spread, or where that is more the distance between the rays of
+//! the [`aperture`](super::aperture) past an obstacle, so that they do not show one by one. A sample inside an opaque tissue is seen
 //! only by the part of the beam that its own scanline represents, otherwise bone would appear bright where the beam
 //! passes it.
 
+use super::aperture::Aperture;
 use super::{Shadow, units};
 use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
 use crate::effects::pass::View;
+use crate::effects::point_spread::PointSpread;
 use crate::synth::store::Store;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
@@ -26,10 +28,18 @@ pub(crate) fn opaque_units(sample_mm: f64) -> u32 {
 
 impl Shadow {
     /// Weights of the beam across scanlines at each sample depth.
-    pub fn kernel(&self, grid: &BeamGrid) -> LateralKernel {
+    pub fn kernel(&self, spread: Option<&PointSpread>, aperture: &Aperture, grid: &BeamGrid) -> LateralKernel {
         let sigma_lines = |sample: usize| {
-            let spacing_mm = grid.lateral_spacing_mm(grid.sample_depth_mm(sample));
-            self.beam_mm / FWHM_PER_SIGMA / spacing_mm.max(1e-6)
+            let depth_mm = grid.sample_depth_mm(sample);
+            let lines = |mm: f64| mm / grid.lateral_spacing_mm(depth_mm).max(1e-6);
+            let width = match spread {
+                None => lines(self.beam_mm.unwrap_or(0.0)),
+                Some(spread) => {
+                    let apart = aperture.apart.get(sample).copied().unwrap_or(0.0);
+                    lines(spread.lateral_at(depth_mm)).max(apart)
+                }
+            };
+            width / FWHM_PER_SIGMA
         };
         LateralKernel::gaussian(grid.samples(), sigma_lines, |_, _| 1.0)
     }

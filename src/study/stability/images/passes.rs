@@ -31,7 +31,7 @@ pub(crate) fn any_attenuation(record: &mut Record<'_>) -> Result<(), Unexpected>
         };
         let effects = Effects {
             shadow: Some(Shadow {
-                beam_mm: 0.0,
+                beam_mm: Some(0.0),
                 ..Shadow::default()
             }),
             ..Effects::default()

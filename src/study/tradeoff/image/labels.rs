@@ -333,7 +333,7 @@ const SIMPLER: [Simpler; 9] = [
     }),
     ("shadows straight down", |effects| {
         if let Some(shadow) = &mut effects.shadow {
-            shadow.f_number = 0.0;
+            shadow.f_number = Some(0.0);
         }
     }),
     ("without reverberation", |effects| {
