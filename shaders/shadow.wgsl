@@ -15,7 +15,8 @@ struct Params {
     spacing: f32,
     spreading: f32,
     mirror: f32,
-    unused: vec2<u32>,
+    unfelt: f32,
+    least_centre_at: f32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -50,12 +51,31 @@ struct Params {
 @group(0) @binding(5) var<storage, read> rows_below: array<LabelRow>;
 @group(0) @binding(6) var<storage, read_write> mirrored: array<f32>;
 
-fn tissue_loss(index: u32) -> u32 {
-    return label_rows[labels[index]].loss;
+// Losses of a sample: by attenuation, and others.
+fn tissue_losses(index: u32) -> vec2<u32> {
+    let row = label_rows[labels[index]];
+    return vec2<u32>(row.attenuation, row.loss - row.attenuation);
 }
 
-fn tissue_and_needle_loss(index: u32) -> u32 {
-    return tissue_loss(index) + u32(needle_mask[index].y * params.needle_units);
+fn tissue_and_needle_losses(index: u32) -> vec2<u32> {
+    return tissue_losses(index) + vec2<u32>(0u, u32(needle_mask[index].y * params.needle_units));
+}
+
+fn together(a: vec2<u32>, b: vec2<u32>) -> vec2<u32> {
+    return min(a + b, vec2<u32>(MAX_UNITS));
+}
+
+// Sums before those of a thread.
+fn exclusive_losses(thread: u32, sums: vec2<u32>) -> vec2<u32> {
+    let first = exclusive(thread, sums.x);
+    return vec2<u32>(first, exclusive(thread, sums.y));
+}
+
+// What a pulse feels of losses.
+fn felt(sums: vec2<u32>) -> u32 {
+    let units = f32(sums.x);
+    let shifting = min(units, params.least_centre_at);
+    return min(sums.x - u32(params.unfelt * shifting * (units + units - shifting)) + sums.y, MAX_UNITS);
 }
 
 fn power(units: u32) -> f32 {
@@ -68,17 +88,17 @@ fn tissue(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    var sum = 0u;
+    var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_loss(line + i), MAX_UNITS);
+        sums = together(sums, tissue_losses(line + i));
     }
-    var above = exclusive(thread, sum);
+    var above = exclusive_losses(thread, sums);
     for (var i = start; i < end; i++) {
-        let own = tissue_loss(line + i);
-        let down_to = min(above + own / 2u, MAX_UNITS);
+        let own = tissue_losses(line + i);
+        let down_to = felt(together(above, own / 2u));
         losses[line + i] = down_to;
         through[line + i] = power(down_to);
-        above = min(above + own, MAX_UNITS);
+        above = together(above, own);
     }
 }
 
@@ -88,17 +108,17 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let line = group.y * params.samples;
-    var sum = 0u;
+    var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_and_needle_loss(line + i), MAX_UNITS);
+        sums = together(sums, tissue_and_needle_losses(line + i));
     }
-    var above = exclusive(thread, sum);
+    var above = exclusive_losses(thread, sums);
     for (var i = start; i < end; i++) {
-        let own = tissue_and_needle_loss(line + i);
-        let down_to = min(above + own / 2u, MAX_UNITS);
+        let own = tissue_and_needle_losses(line + i);
+        let down_to = felt(together(above, own / 2u));
         losses[line + i] = down_to;
         through[line + i] = power(down_to);
-        above = min(above + own, MAX_UNITS);
+        above = together(above, own);
     }
 }
 
@@ -123,15 +143,15 @@ fn rays(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) gro
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let row = (group.z * params.lines + group.y) * params.samples;
-    var sum = 0u;
+    var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
+        sums = together(sums, tissue_losses(ray_index(group.z, group.y, i)));
     }
-    var above = exclusive(thread, sum);
+    var above = exclusive_losses(thread, sums);
     for (var i = start; i < end; i++) {
-        let own = tissue_loss(ray_index(group.z, group.y, i));
-        of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
-        above = min(above + own, MAX_UNITS);
+        let own = tissue_losses(ray_index(group.z, group.y, i));
+        of_rays[row + i] = power(felt(together(above, own / 2u)));
+        above = together(above, own);
     }
 }
 
@@ -141,15 +161,15 @@ fn rays_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(workgr
     let start = min(thread * each, params.samples);
     let end = min(start + each, params.samples);
     let row = (group.z * params.lines + group.y) * params.samples;
-    var sum = 0u;
+    var sums = vec2<u32>(0u);
     for (var i = start; i < end; i++) {
-        sum = min(sum + tissue_and_needle_loss(ray_index(group.z, group.y, i)), MAX_UNITS);
+        sums = together(sums, tissue_and_needle_losses(ray_index(group.z, group.y, i)));
     }
-    var above = exclusive(thread, sum);
+    var above = exclusive_losses(thread, sums);
     for (var i = start; i < end; i++) {
-        let own = tissue_and_needle_loss(ray_index(group.z, group.y, i));
-        of_rays[row + i] = power(min(above + own / 2u, MAX_UNITS));
-        above = min(above + own, MAX_UNITS);
+        let own = tissue_and_needle_losses(ray_index(group.z, group.y, i));
+        of_rays[row + i] = power(felt(together(above, own / 2u)));
+        above = together(above, own);
     }
 }
 
@@ -200,7 +220,7 @@ fn penumbra(@builtin(global_invocation_id) id: vec3<u32>) {
         norm = 1.0;
     }
     var left = sum / norm;
-    if tissue_loss(index) >= params.opaque_units {
+    if label_rows[labels[index]].loss >= params.opaque_units {
         left = min(left, one_way[index]);
     }
     amplitudes[index] *= left * left;
@@ -216,7 +236,7 @@ fn reflectors(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_i
     }
     workgroupBarrier();
     for (var i = thread; i < params.samples; i += THREADS) {
-        if tissue_loss(group.y * params.samples + i) >= params.opaque_units {
+        if label_rows[labels[group.y * params.samples + i]].loss >= params.opaque_units {
             atomicMin(&shallowest, i);
             break;
         }

@@ -16,7 +16,7 @@ struct Params {
     axial_reach: u32,
     lateral_reach: u32,
     carries_at: u32,
-    unused: u32,
+    bands: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -95,6 +95,11 @@ fn warped_scatter_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     scatter[id.y * params.samples + id.x] = echo(at, id.x, step);
 }
 
+// Number of weights of a band of depth.
+fn axial_taps() -> u32 {
+    return 2u * params.axial_reach + 1u;
+}
+
 // Echoes of surfaces and needles, linear between scanlines.
 @compute @workgroup_size(64)
 fn specular_pass(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -104,8 +109,8 @@ fn specular_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = fine_scanline(id.y);
     let a = specular[at.line * params.samples + id.x];
     let b = specular[at.next * params.samples + id.x];
-    // Behind the kernel and what makes up for its ends.
-    let factor = weights[2u * params.axial_reach + 1u + params.samples + id.x];
+    // Behind the kernels and what makes up for their ends.
+    let factor = weights[params.bands * axial_taps() + params.samples + id.x];
     scatter[id.y * params.samples + id.x] += factor * (a + at.part * (b - a));
 }
 
@@ -116,15 +121,16 @@ fn axial_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let reach = i32(params.axial_reach);
     let row = id.y * params.samples;
+    let first = id.x * params.bands / params.samples * axial_taps();
     var sum = vec2<f32>(0.0);
     for (var tap = 0; tap <= 2 * reach; tap++) {
         let sample = i32(id.x) + tap - reach;
         if sample >= 0 && sample < i32(params.samples) {
-            sum += weights[tap] * echoes[row + u32(sample)];
+            sum += weights[first + u32(tap)] * echoes[row + u32(sample)];
         }
     }
-    // Behind the kernel: per sample, what makes up for the taps beyond an end.
-    spread[row + id.x] = weights[2u * params.axial_reach + 1u + id.x] * sum;
+    // Behind the kernels: per sample, what makes up for the taps beyond an end.
+    spread[row + id.x] = weights[params.bands * axial_taps() + id.x] * sum;
 }
 
 @compute @workgroup_size(64)

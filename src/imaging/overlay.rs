@@ -6,6 +6,7 @@ use nalgebra::{Matrix4, Point3};
 
 use super::canvas::{self, Colour, Point};
 use crate::effects::point_spread::PointSpread;
+use crate::effects::shadow::Attenuation;
 use crate::effects::tone::Tone;
 use crate::synth::tables::Tables;
 
@@ -160,7 +161,7 @@ fn scale(picture: &mut RgbImage, tables: &Tables) {
     }
     let settings = &tables.settings;
     if let Some(speckle) = &settings.effects.speckle {
-        let y = row(PointSpread::new(speckle, &settings.probe).focus_mm);
+        let y = row(PointSpread::new(speckle, &settings.probe, Attenuation::default()).focus_mm);
         let [wide, _] = canvas::text_size("100 cm", 1);
         let tip = right - TICK[1] - 6.0 - f64::from(wide);
         arrow(picture, [tip, y]);

@@ -2,7 +2,8 @@
 //!
 //! Lengths are full widths at half maximum of the autocorrelation of the echo intensity: what one measures in speckle.
 //! Around a point the amplitude has another, as the spectra of arrays have sharper edges than a Gaussian's. A stated
-//! length is that of both.
+//! length is that of both. Attenuation lowers the frequency of a pulse with depth, and all lengths that follow from the
+//! probe grow as its wavelength does.
 
 mod beam;
 mod shape;
@@ -13,6 +14,7 @@ use std::sync::Arc;
 use beam::Beam;
 pub(crate) use shape::Shape;
 
+use super::shadow::Attenuation;
 use super::speckle::Speckle;
 use insonify_tracking::probe::{Probe, Transducer};
 
@@ -30,12 +32,10 @@ const SHOWN_SAMPLES: f64 = 2.0;
 /// Lengths of the point spread, mm.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PointSpread {
-    /// Axial length: if it is not stated, that of the pulse, and no less than two samples.
+    /// Axial length: if it is not stated, that of the pulse at the array, and no less than two samples.
     pub axial_mm: f64,
     /// Number of samples that would show the pulse, if those of the probe are too few and no axial length is stated.
     pub samples_for_pulse: Option<u32>,
-    /// Axial length of the amplitude around a point.
-    pub(crate) axial_point_mm: f64,
     /// Lateral length at the focus.
     pub lateral_mm: f64,
     /// Elevational length: if it is not stated, that at the focus of the lens.
@@ -46,12 +46,15 @@ pub struct PointSpread {
     pub focus_mm: f64,
     /// Distance from the focus at which the lateral length has grown by sqrt 2, mm, if the lateral length is stated.
     focal_zone_mm: Option<f64>,
+    /// Axial length in speckle at the array, and the least that samples show, mm, if it is not stated.
+    pulse_mm: Option<[f64; 2]>,
+    attenuation: Attenuation,
     beam: Arc<Beam>,
 }
 
 impl PointSpread {
-    /// Completes the stated lengths by those that follow from a probe.
-    pub fn new(speckle: &Speckle, probe: &Probe) -> Self {
+    /// Completes the stated lengths by those that follow from a probe, in tissue of this attenuation.
+    pub fn new(speckle: &Speckle, probe: &Probe, attenuation: Attenuation) -> Self {
         let mut transducer = probe.transducer();
         if let Some(focus_mm) = speckle.focus_mm {
             transducer.transmit_focus_mm = focus_mm;
@@ -60,7 +63,7 @@ impl PointSpread {
         let is_stated = speckle.lateral_mm.is_some() || speckle.focal_zone_mm.is_some();
         let beam = match (speckle.lateral_mm, speckle.elevational_mm) {
             (Some(_), Some(_)) => Arc::default(),
-            _ => Beam::of(&transducer, probe.depth_mm),
+            _ => Beam::of(&transducer, probe.depth_mm, attenuation),
         };
         let pulse_mm = (IN_SPECKLE * pulse_mm(&transducer)).clamp(0.05, 10.0);
         let shown_mm = SHOWN_SAMPLES * probe.depth_mm / f64::from(probe.samples);
@@ -70,7 +73,6 @@ impl PointSpread {
         Self {
             axial_mm,
             samples_for_pulse: is_coarse.then(|| (SHOWN_SAMPLES * probe.depth_mm / pulse_mm).ceil() as u32),
-            axial_point_mm: speckle.axial_mm.unwrap_or(axial_mm / IN_SPECKLE),
             lateral_mm: speckle.lateral_mm.unwrap_or_else(|| beam.at(focus_mm).speckle_mm),
             elevational_mm: speckle
                 .elevational_mm
@@ -78,8 +80,19 @@ impl PointSpread {
             is_elevational_stated: speckle.elevational_mm.is_some(),
             focus_mm,
             focal_zone_mm: is_stated.then(|| speckle.focal_zone_mm.unwrap_or_else(zone_mm)),
+            pulse_mm: speckle.axial_mm.is_none().then_some([pulse_mm, shown_mm]),
+            attenuation,
             beam,
         }
+    }
+
+    /// Axial lengths at a depth, mm: around a point, and in speckle.
+    pub(crate) fn axial_lengths(&self, depth_mm: f64) -> [f64; 2] {
+        let Some([pulse_mm, shown_mm]) = self.pulse_mm else {
+            return [self.axial_mm; 2];
+        };
+        let axial_mm = (pulse_mm / self.attenuation.centre_at(depth_mm)).max(shown_mm);
+        [axial_mm / IN_SPECKLE, axial_mm]
     }
 
     /// Lateral length at a depth, mm: of a stated length that of a Gaussian beam about its focus.
@@ -151,7 +164,7 @@ mod tests {
             apodisation: Some(apodisation),
             ..Aperture::default()
         };
-        PointSpread::new(&Speckle::default(), &probe)
+        PointSpread::new(&Speckle::default(), &probe, Attenuation::default())
     }
 
     /// Depth, lateral length around a point with Hann weights and with equal ones, elevational length, mm.
@@ -203,8 +216,7 @@ mod tests {
                 let off = length / expected - 1.0;
                 assert!(off.abs() < within, "{length} mm, not {expected}");
             };
-            close(hann.axial_point_mm, axial[0], 0.06);
-            close(hann.axial_mm, axial[1], 0.06);
+            (0..2).for_each(|kind| close(hann.axial_lengths(20.0)[kind], axial[kind], 0.06));
             for [depth_mm, lateral @ .., elevational] in points {
                 for (probe, lateral) in probes.iter().zip(lateral) {
                     close(probe.lateral_lengths(*depth_mm)[0], *lateral, 0.1);
@@ -241,7 +253,7 @@ mod tests {
         let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
         let shown = |samples: u32| {
             probe.samples = samples;
-            let spread = PointSpread::new(&Speckle::default(), &probe);
+            let spread = PointSpread::new(&Speckle::default(), &probe, Attenuation::default());
             (spread.axial_mm, spread.samples_for_pulse)
         };
         let [(coarse_mm, enough), (fine_mm, none)] = [400, 4000].map(shown);
@@ -259,7 +271,7 @@ mod tests {
             focal_zone_mm: Some(10.0),
             ..Speckle::default()
         };
-        let spread = PointSpread::new(&stated, &probe);
+        let spread = PointSpread::new(&stated, &probe, Attenuation::default());
         assert_eq!((spread.axial_mm, spread.lateral_at(25.0)), (0.8, 3.0));
         assert!((spread.lateral_at(35.0) / 3.0 - 2f64.sqrt()).abs() < 1e-12);
         // A zone about the focus of the probe's own beam.
@@ -268,7 +280,8 @@ mod tests {
             focal_zone_mm: Some(10.0),
             ..Speckle::default()
         };
-        let [usual, about] = [Speckle::default(), zone].map(|speckle| PointSpread::new(&speckle, &probe));
+        let [usual, about] =
+            [Speckle::default(), zone].map(|speckle| PointSpread::new(&speckle, &probe, Attenuation::default()));
         assert_eq!(about.lateral_mm, usual.lateral_mm);
         assert!((about.lateral_at(35.0) / usual.lateral_mm - 2f64.sqrt()).abs() < 1e-12);
     }
@@ -284,7 +297,7 @@ mod tests {
             transmit_f_number: Some(20.0),
             ..Aperture::default()
         };
-        let spread = PointSpread::new(&Speckle::default(), &probe);
+        let spread = PointSpread::new(&Speckle::default(), &probe, Attenuation::default());
         let receive_alone = 1.207 * 160.0 * 0.616 / 20.0;
         let length = spread.lateral_at(160.0);
         assert!(
@@ -308,7 +321,7 @@ mod tests {
                     height_mm: Some(50.0),
                     ..Aperture::default()
                 };
-                let spread = PointSpread::new(&Speckle::default(), &probe);
+                let spread = PointSpread::new(&Speckle::default(), &probe, Attenuation::default());
                 for depth_mm in [0.0, 1.0, 25.0, 50.0] {
                     let lengths = [spread.axial_mm, spread.lateral_at(depth_mm), spread.elevational_mm];
                     assert!(lengths.iter().all(|mm| (0.05..=20.0).contains(mm)), "{lengths:?}");

@@ -31,7 +31,7 @@ mod physics;
 use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
-use super::shadow::average_db_cm;
+use super::shadow::Attenuation;
 use super::{
     Effect, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -74,10 +74,10 @@ impl Receiver {
         10f64.powf(self.noise_db / 10.0)
     }
 
-    /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `attenuation_db_cm` is its
-    /// two-way attenuation.
-    pub fn clutter_power(&self, depth_mm: f64, attenuation_db_cm: f64) -> f64 {
-        let fade_db = (attenuation_db_cm + self.clutter_decay_db_cm) * depth_mm / 10.0;
+    /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `lost_db` is the loss of
+    /// tissue down to it.
+    pub fn clutter_power(&self, depth_mm: f64, lost_db: f64) -> f64 {
+        let fade_db = lost_db + self.clutter_decay_db_cm * depth_mm / 10.0;
         10f64.powf((self.clutter_db - fade_db) / 10.0)
     }
 
@@ -90,7 +90,7 @@ impl Receiver {
     fn clutter(&self, key: &Key) -> Vec<f32> {
         let grid = key.grid;
         let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
-            self.clutter_power(depth_mm, key.attenuation_db_cm)
+            self.clutter_power(depth_mm, key.attenuation.db_at(depth_mm))
         });
         let ring_down = |sample: usize| self.ring_down_power(grid.sample_depth_mm(sample), key.frequency_mhz) as f32;
         let ring_down: Vec<f32> = (0..grid.samples()).map(ring_down).collect();
@@ -136,19 +136,19 @@ pub struct Derived {
 pub(crate) struct Key<'a> {
     receiver: Option<&'a Receiver>,
     spread: PointSpread,
-    attenuation_db_cm: f64,
+    attenuation: Attenuation,
     frequency_mhz: f64,
     seed: u64,
     grid: &'a BeamGrid,
 }
 
 /// Takes parameters, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
-pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(tissues: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.clone().unwrap_or_default();
     Key {
         receiver: settings.effects.receiver.as_ref(),
-        spread: PointSpread::new(&speckle, &settings.probe),
-        attenuation_db_cm: average_db_cm(settings),
+        spread: PointSpread::new(&speckle, &settings.probe, Attenuation::of(tissues, settings)),
+        attenuation: Attenuation::average(settings),
         frequency_mhz: settings.probe.frequency_mhz,
         seed: settings.seed,
         grid,
@@ -354,10 +354,10 @@ mod tests {
             ring_down_db: 14.0,
         };
         assert!((receiver.noise_power() - 1e-4).abs() < 1e-12);
-        assert!((receiver.clutter_power(0.0, 3.0) - 1e-1).abs() < 1e-12);
+        assert!((receiver.clutter_power(0.0, 0.0) - 1e-1).abs() < 1e-12);
         // 0.9 mm at 3.5 MHz take 8.7 dB.
         assert!((receiver.ring_down_power(0.9, 3.5) - 10f64.powf(1.4) * (-2.0f64).exp()).abs() < 1e-9);
         // 30 mm at 2 + 3 dB/cm take 15 dB.
-        assert!((receiver.clutter_power(30.0, 3.0) - 10f64.powf(-2.5)).abs() < 1e-12);
+        assert!((receiver.clutter_power(30.0, 9.0) - 10f64.powf(-2.5)).abs() < 1e-12);
     }
 }

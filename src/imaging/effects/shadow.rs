@@ -3,7 +3,8 @@
 //! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so
 //! that it is the same for any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its
 //! two-way attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle
-//! contributes `needle_db_mm` where it fills the scan plane. A sample is subject to the loss of everything above it and
+//! contributes `needle_db_mm` where it fills the scan plane. Attenuation grows with frequency, so that a pulse feels less of
+//! it the more has been lost (`downshift`). A sample is subject to the loss of everything above it and
 //! half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. In tissues of
 //! different losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`);
 //! they are at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction
@@ -23,12 +24,14 @@ mod parity;
 mod physics;
 
 use aperture::Aperture;
+pub use downshift::Attenuation;
+use downshift::{Downshift, felt};
 
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
-use super::lateral::LateralKernel;
+use super::lateral::{BLOCK, LateralKernel};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
 use super::{
@@ -47,6 +50,7 @@ use insonify_base::simd::Kernel;
 use insonify_tracking::probe::{BeamGrid, Transducer};
 
 pub mod aperture;
+pub mod downshift;
 pub mod mirror;
 pub mod penumbra;
 pub mod reverberation;
@@ -82,16 +86,6 @@ parameters! {
 /// Imaging, 2nd ed., 2014, appendix B).
 pub const SOFT_TISSUE_DB_CM_MHZ: f64 = 0.5;
 
-/// Two-way attenuation of average soft tissue, dB/cm; 0 if no attenuation is simulated.
-pub(crate) fn average_db_cm(settings: &Settings) -> f64 {
-    let shadow = settings.effects.shadow.as_ref();
-    if shadow.is_some_and(|shadow| shadow.attenuation) {
-        2.0 * SOFT_TISSUE_DB_CM_MHZ * settings.probe.frequency_mhz
-    } else {
-        0.0
-    }
-}
-
 /// Maximum loss per sample, dB: two of them already exceed any dynamic range, and sums of two capped losses fit.
 pub const MAX_PER_SAMPLE_DB: f64 = 256.0;
 
@@ -118,11 +112,14 @@ impl Shadow {
         self.beam_mm.unwrap_or(BEAM_MM)
     }
 
-    /// Two-way loss in a tissue, dB/mm, at a frequency in MHz.
-    pub fn db_per_mm(&self, tissue: &Tissue, frequency_mhz: f64) -> f64 {
+    /// Two-way losses in a tissue at a frequency in MHz, dB/mm: by attenuation, and by occlusion.
+    pub fn db_per_mm(&self, tissue: &Tissue, frequency_mhz: f64) -> [f64; 2] {
         let attenuation = 2.0 * tissue.attenuation_db_cm_mhz * frequency_mhz / 10.0;
         let occlusion = (-20.0 * (1.0 - tissue.occlusion_per_mm).log10()).min(FULL_OCCLUSION_DB_MM);
-        f64::from(u8::from(self.attenuation)) * attenuation + f64::from(u8::from(self.occlusion)) * occlusion
+        [
+            f64::from(u8::from(self.attenuation)) * attenuation,
+            f64::from(u8::from(self.occlusion)) * occlusion,
+        ]
     }
 }
 
@@ -158,8 +155,16 @@ pub(crate) const EFFECT: Effect = Effect {
             .filter_map(|(runs, pass)| runs.then_some(pass))
             .collect()
     },
-    buffers: &[&PENUMBRA_KERNEL, &APERTURE_SHIFTS, &APERTURE_WEIGHTS, &THROUGH, &REFLECTORS],
-    label_row: Some(|_, derived, label, row| row.loss = derived.shadow.losses.get(label).copied().unwrap_or(0)),
+    buffers: &[
+        &PENUMBRA_KERNEL,
+        &APERTURE_SHIFTS,
+        &APERTURE_WEIGHTS,
+        &THROUGH,
+        &REFLECTORS,
+    ],
+    label_row: Some(|_, derived, label, row| {
+        [row.attenuation, row.loss] = derived.shadow.losses.get(label).copied().unwrap_or_default();
+    }),
     // Rays of the aperture.
     extra_bytes: |settings, samples| {
         let shadow = settings.effects.shadow.as_ref();
@@ -173,8 +178,10 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Tables of the shadow; empty without one.
 #[derive(Clone, Debug, Default)]
 pub struct Derived {
-    /// Per label index: loss over a sample, units.
-    pub losses: Vec<u32>,
+    /// Per label index: losses over a sample, units: by attenuation, and all.
+    pub losses: Vec<[u32; 2]>,
+    /// [`Downshift::in_units`].
+    pub downshift: [f64; 2],
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,
     /// Rays of the aperture.
@@ -197,7 +204,7 @@ pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'
     let shadow = settings.effects.shadow.as_ref();
     let spread = shadow.filter(|shadow| shadow.beam_mm.is_none()).map(|_| {
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
-        PointSpread::new(&speckle, probe)
+        PointSpread::new(&speckle, probe, Attenuation::of(tissues, settings))
     });
     (shadow, probe.frequency_mhz, grid, tissues, probe.transducer(), spread)
 }
@@ -212,12 +219,14 @@ pub(crate) fn derive(
     };
     let loss = |label: usize| {
         let tissue = tissues.tissue(label as u8);
-        units(shadow.db_per_mm(tissue, *frequency_mhz) * grid.sample_spacing_mm())
+        let [attenuation, occlusion] = shadow.db_per_mm(tissue, *frequency_mhz);
+        [attenuation, attenuation + occlusion].map(|db_mm| units(db_mm * grid.sample_spacing_mm()))
     };
     let aperture = Aperture::new(shadow, transducer, grid);
     Ok(Derived {
         losses: (0..anatomy.volume.labels().len()).map(loss).collect(),
         penumbra: Some(shadow.kernel(spread.as_ref(), &aperture, grid)),
+        downshift: Downshift::new(transducer.bandwidth).in_units(),
         aperture,
     })
 }
@@ -353,7 +362,10 @@ pub fn opens(tables: &Tables) -> bool {
         return false;
     };
     let mut rows = tables.label_rows.iter().enumerate();
-    let mut losses = rows.by_ref().filter(|(index, _)| tables.volume.holds(*index)).map(|(_, row)| row.loss);
+    let mut losses = rows
+        .by_ref()
+        .filter(|(index, _)| tables.volume.holds(*index))
+        .map(|(_, row)| row.loss);
     let differs = losses.next().is_some_and(|first| losses.any(|loss| loss != first));
     let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
     shadow.f_number != Some(0.0) && (differs || needle)
@@ -483,14 +495,17 @@ block! {
         spreading: f32,
         /// Amplitude of a mirror image relative to the echo.
         mirror: f32,
-        /// Padding to a multiple of 16 bytes.
-        unused: [u32; 2],
+        /// Share of attenuation that is not felt, per unit.
+        unfelt: f32,
+        /// Attenuation up to which that share grows, units.
+        least_centre_at: f32,
     }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
+    let [unfelt, least_centre_at] = tables.effects.shadow.downshift.map(|number| number as f32);
     ParamBlock::of(&ShadowParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
@@ -507,7 +522,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         spacing,
         spreading,
         mirror: mirror::share(tables) as f32,
-        unused: [0; 2],
+        unfelt,
+        least_centre_at,
     })
 }
 
@@ -523,16 +539,20 @@ pub(crate) fn needle_units(tables: &Tables) -> f32 {
     units(shadow.map_or(0.0, |shadow| shadow.needle_db_mm) * tables.sample_mm()) as f32
 }
 
-/// Loss over a sample of each label, units.
-fn loss_of_labels(tables: &Tables) -> [u32; 256] {
-    std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.loss))
+/// Losses over a sample of each label, units: by attenuation, and others.
+fn losses_of_labels(tables: &Tables) -> [[u32; 2]; 256] {
+    std::array::from_fn(|label| {
+        let row = tables.label_rows.get(label).copied().unwrap_or_default();
+        [row.attenuation, row.loss - row.attenuation]
+    })
 }
 
 fn losses<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let loss = loss_of_labels(tables);
+    let losses = losses_of_labels(tables);
     let needle = super::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let downshift = tables.effects.shadow.downshift.map(T::of);
     let mask = &store.needle_mask;
     for_each(
         (
@@ -542,34 +562,89 @@ fn losses<T: Real>(view: &View, store: &mut Store<T>) {
             chunks_mut(&mut store.loss, samples),
         ),
         &|(line, through, labels, down_to)| {
-            let sample_loss = |i: usize| {
-                let tissue = loss[usize::from(labels[i])];
-                match needle {
-                    Some(units) => tissue + (mask[line * samples + i][1] * units).to_u32().unwrap_or(0),
-                    None => tissue,
-                }
-            };
-            accumulate(sample_loss, down_to);
-            T::vectorised(OneWay { down_to, through });
+            T::vectorised(Scanline {
+                losses: &losses,
+                needle: needle.map(|units| (units, &mask[line * samples..][..samples])),
+                downshift,
+                labels,
+                down_to,
+                through,
+            });
         },
     );
 }
 
-/// One-way transmittances of losses.
-struct OneWay<'a, T> {
-    down_to: &'a [u32],
+/// Losses and one-way transmittances down a scanline.
+struct Scanline<'a, T> {
+    losses: &'a [[u32; 2]; 256],
+    /// Units of loss, and share of the beam that is shaded.
+    needle: Option<(T, &'a [[T; 2]])>,
+    downshift: [T; 2],
+    labels: &'a [u8],
+    down_to: &'a mut [u32],
     through: &'a mut [T],
 }
 
-impl<T: Real> Kernel for OneWay<'_, T> {
+impl<T: Real> Kernel for Scanline<'_, T> {
     type Output = ();
 
     #[inline(always)]
     fn run(self) {
         let exponent = T::of(0.5 * exponent_per_unit());
-        for (through, down_to) in self.through.iter_mut().zip(self.down_to) {
-            *through = one_way(*down_to, exponent);
+        let mut sums = Sums::default();
+        let out = self.down_to.chunks_mut(BLOCK).zip(self.through.chunks_mut(BLOCK));
+        for (block, (down_to, through)) in out.enumerate() {
+            let start = block * BLOCK;
+            for i in 0..down_to.len() {
+                let mut own = self.losses[usize::from(self.labels[start + i])];
+                if let Some((units, mask)) = self.needle {
+                    own[1] += shaded(mask[start + i], units);
+                }
+                sums.add(i, own);
+            }
+            for (i, (down_to, through)) in down_to.iter_mut().zip(through).enumerate() {
+                *down_to = sums.felt(i, self.downshift);
+                *through = one_way(*down_to, exponent);
+            }
         }
+    }
+}
+
+/// Loss of a sample in the needle, units.
+#[inline(always)]
+fn shaded<T: Real>(mask: [T; 2], units: T) -> u32 {
+    (mask[1] * units).to_u32().unwrap_or(0)
+}
+
+/// Losses down to the samples of a block: of attenuation, and others.
+struct Sums {
+    above: [u32; 2],
+    down_to: [[u32; BLOCK]; 2],
+}
+
+impl Default for Sums {
+    fn default() -> Self {
+        Self {
+            above: [0; 2],
+            down_to: [[0; BLOCK]; 2],
+        }
+    }
+}
+
+impl Sums {
+    /// Adds a sample's own losses, half of them down to its centre.
+    #[inline(always)]
+    fn add(&mut self, i: usize, own: [u32; 2]) {
+        for kind in 0..2 {
+            self.down_to[kind][i] = (self.above[kind] + own[kind] / 2).min(MAX_UNITS);
+            self.above[kind] = (self.above[kind] + own[kind]).min(MAX_UNITS);
+        }
+    }
+
+    /// What a pulse feels of them.
+    #[inline(always)]
+    fn felt<T: Real>(&self, i: usize, downshift: [T; 2]) -> u32 {
+        felt(self.down_to.map(|sums| sums[i]), downshift)
     }
 }
 
@@ -577,17 +652,6 @@ impl<T: Real> Kernel for OneWay<'_, T> {
 #[inline(always)]
 fn one_way<T: Real>(units: u32, exponent: T) -> T {
     (T::from_signed(units as i32) * exponent).fraction_of_two()
-}
-
-/// Accumulates the loss down to the centre of each sample, from each sample's own loss.
-#[inline(always)]
-pub fn accumulate(loss: impl Fn(usize) -> u32, down_to: &mut [u32]) {
-    let mut above = 0u32;
-    for (i, slot) in down_to.iter_mut().enumerate() {
-        let loss = loss(i);
-        *slot = (above + loss / 2).min(MAX_UNITS);
-        above = (above + loss).min(MAX_UNITS);
-    }
 }
 
 /// Amplitude factor of a loss.

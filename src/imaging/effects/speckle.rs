@@ -37,6 +37,7 @@ use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULA
 use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
+use super::shadow::Attenuation;
 use super::{
     Effect, EffectTables, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -126,9 +127,13 @@ pub(crate) type Derived = Option<SpeckleTables>;
 pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid);
 
 /// Takes point spread and grid.
-pub(crate) fn key<'a>(_: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
+pub(crate) fn key<'a>(tissues: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.as_ref();
-    (speckle.map(|speckle| PointSpread::new(speckle, &settings.probe)), grid)
+    let attenuation = || Attenuation::of(tissues, settings);
+    (
+        speckle.map(|speckle| PointSpread::new(speckle, &settings.probe, attenuation())),
+        grid,
+    )
 }
 
 /// Makes the lattice and the kernels.
@@ -142,7 +147,7 @@ static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
 /// Complex echo after the axial point spread (`vec2<f32>`).
 static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples);
 
-/// Weights of the axial point spread, then two factors per sample (`f32`).
+/// Weights of the axial point spread, a row for each band of depth, then two factors per sample (`f32`).
 static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(&tables.effects).len())
     .derived(|_, derived| bytes_of(&axial_kernel(derived)));
 
@@ -311,8 +316,8 @@ block! {
         lateral_reach: u32,
         /// Offset of the world-to-reference maps of the deformed elements, in vec4.
         carries_at: u32,
-        /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        /// Number of bands of depth, each with its own row of axial weights.
+        bands: u32,
     }
 }
 
@@ -336,7 +341,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         axial_reach: speckle.axial_reach() as u32,
         lateral_reach: speckle.lateral.reach as u32,
         carries_at: view.slab.map_or(0, |slab| slab.maps_at[2]),
-        unused: 0,
+        bands: speckle.bands as u32,
     })
 }
 

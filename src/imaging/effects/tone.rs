@@ -26,7 +26,7 @@ use super::pass::{
     Use::{self, *},
     View, block, bound, reference,
 };
-use super::shadow::average_db_cm;
+use super::shadow::Attenuation;
 use super::{
     EVERY_FRAME, Effect, OutOfRange, Parameters, Stage,
     Wanted::{self, Yes},
@@ -121,14 +121,14 @@ impl Tone {
         GreyMap::new(Some(self)).bent(share.clamp(0.0, 1.0)).powf(self.gamma)
     }
 
-    /// Gain at a depth, dB. `attenuation_db_cm` is the attenuation that the default compensation matches; it then ends
-    /// where noise of `noise_db` would be shown at `NOISE_GREY`.
-    pub fn gain_at_db(&self, depth_mm: f64, attenuation_db_cm: f64, noise_db: Option<f64>) -> f64 {
+    /// Gain at a depth, dB. `lost_db` is the loss down to it that the default compensation matches; it then ends where
+    /// noise of `noise_db` would be shown at `NOISE_GREY`.
+    pub fn gain_at_db(&self, depth_mm: f64, lost_db: f64, noise_db: Option<f64>) -> f64 {
         let compensation = self.tgc_db_cm.map_or_else(
             || {
                 let shown_db = (NOISE_GREY - MID_GREY) * self.dynamic_range_db - self.gain_db;
                 let limit = noise_db.map_or(f64::INFINITY, |noise_db| (shown_db - noise_db).max(0.0));
-                (attenuation_db_cm * depth_mm / 10.0).min(limit)
+                lost_db.min(limit)
             },
             |slope| slope * depth_mm / 10.0,
         );
@@ -187,7 +187,7 @@ pub struct Derived {
 #[derive(PartialEq)]
 pub(crate) struct Key<'a> {
     tone: Option<&'a Tone>,
-    attenuation_db_cm: f64,
+    attenuation: Attenuation,
     noise_db: Option<f64>,
     grid: &'a BeamGrid,
 }
@@ -197,7 +197,7 @@ pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGri
     let receiver = settings.effects.receiver.as_ref();
     Key {
         tone: settings.effects.tone.as_ref(),
-        attenuation_db_cm: average_db_cm(settings),
+        attenuation: Attenuation::average(settings),
         noise_db: receiver.map(|receiver| receiver.noise_db),
         grid,
     }
@@ -207,12 +207,15 @@ pub(crate) fn key<'a>(_: &TissueTable, settings: &'a Settings, grid: &'a BeamGri
 pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
     let &Key {
         tone,
-        attenuation_db_cm,
+        attenuation,
         noise_db,
         grid,
     } = key;
     let gain = |sample: usize| match tone {
-        Some(tone) => 10f64.powf(tone.gain_at_db(grid.sample_depth_mm(sample), attenuation_db_cm, noise_db) / 20.0),
+        Some(tone) => {
+            let depth_mm = grid.sample_depth_mm(sample);
+            10f64.powf(tone.gain_at_db(depth_mm, attenuation.db_at(depth_mm), noise_db) / 20.0)
+        }
         None => 1.0,
     };
     let gain = Numbers::new((0..grid.samples()).map(gain).collect());
@@ -452,9 +455,9 @@ mod tests {
             tgc_points: vec![[10.0, 0.0], [30.0, 4.0]],
             ..Tone::default()
         };
-        assert_eq!(tone.gain_at_db(0.0, 9.0, Some(-70.0)), 1.0);
-        assert_eq!(tone.gain_at_db(20.0, 9.0, None), 1.0 + 4.0 + 2.0);
-        assert_eq!(tone.gain_at_db(50.0, 9.0, Some(-10.0)), 1.0 + 10.0 + 4.0);
+        assert_eq!(tone.gain_at_db(0.0, 0.0, Some(-70.0)), 1.0);
+        assert_eq!(tone.gain_at_db(20.0, 18.0, None), 1.0 + 4.0 + 2.0);
+        assert_eq!(tone.gain_at_db(50.0, 45.0, Some(-10.0)), 1.0 + 10.0 + 4.0);
     }
 
     #[test]
@@ -464,15 +467,15 @@ mod tests {
             ..Tone::default()
         };
         let noise = |depth: f64| {
-            let shown = -60.0 + tone.gain_at_db(depth, 9.0, Some(-60.0));
+            let shown = -60.0 + tone.gain_at_db(depth, 0.9 * depth, Some(-60.0));
             MID_GREY + shown / tone.dynamic_range_db
         };
-        assert!((tone.gain_at_db(20.0, 9.0, Some(-60.0)) - 22.0).abs() < 1e-12);
+        assert!((tone.gain_at_db(20.0, 18.0, Some(-60.0)) - 22.0).abs() < 1e-12);
         assert!(
             [60.0, 200.0]
                 .iter()
                 .all(|depth| (noise(*depth) - NOISE_GREY).abs() < 1e-12)
         );
-        assert_eq!(tone.gain_at_db(100.0, 9.0, None), 94.0);
+        assert_eq!(tone.gain_at_db(100.0, 90.0, None), 94.0);
     }
 }

@@ -8,7 +8,8 @@ use super::Acquisition;
 use super::device::Device;
 use super::echoes::{Pulse, Scatterer, echoes};
 use crate::effects::point_spread::PointSpread;
-use crate::effects::shadow::Shadow;
+use crate::effects::shadow::downshift::Downshift;
+use crate::effects::shadow::{Attenuation, Shadow};
 use crate::effects::texture;
 use crate::synth::tables::{Anatomy, Settings};
 use crate::synth::{Backend, FrameState, SynthError};
@@ -111,7 +112,7 @@ impl RfSynthesizer {
             entries: (0..labels)
                 .map(|label| texture::entry_of(&anatomy, label as u8))
                 .collect(),
-            spread: PointSpread::new(&speckle, &settings.probe),
+            spread: PointSpread::new(&speckle, &settings.probe, Attenuation::of(&anatomy.tissues, &settings)),
             pulse: Pulse::new(&acquisition),
             locator: anatomy.mesh.as_ref().map(|mesh| Locator::new(mesh)),
             reference: nodes.clone(),
@@ -370,26 +371,27 @@ impl RfSynthesizer {
         let Some(shadow) = &self.settings.effects.shadow else {
             return vec![1.0; steps * self.lines()];
         };
+        let downshift = Downshift::new(self.acquisition.bandwidth);
         let lost = |line: usize| -> Vec<f32> {
             let ray = self.grid.rays()[line];
-            let mut sum = 0.0;
+            let mut sums = [0.0; 2];
             let left = |step: usize| {
                 let along = (step as f64 + 0.5) * LOSS_MM;
                 let [x, y] = [0, 1].map(|axis| ray.origin[axis] + along * ray.direction[axis]);
                 let point = probe_to_world.transform_point(&Point3::new(x, y, 0.0));
-                let db = self.db_per_mm(shadow, &point) * LOSS_MM;
-                let here = sum + db / 2.0;
-                sum += db;
-                10_f64.powf(-here / 20.0) as f32
+                let db = self.db_per_mm(shadow, &point).map(|db_mm| db_mm * LOSS_MM);
+                let [attenuation, occlusion] = [0, 1].map(|kind| sums[kind] + 0.5 * db[kind]);
+                (0..2).for_each(|kind| sums[kind] += db[kind]);
+                10_f64.powf(-(downshift.felt_db(attenuation) + occlusion) / 20.0) as f32
             };
             (0..steps).map(left).collect()
         };
         parallel::map(0..self.lines(), &lost).concat()
     }
 
-    fn db_per_mm(&self, shadow: &Shadow, position: &Point3<f64>) -> f64 {
+    fn db_per_mm(&self, shadow: &Shadow, position: &Point3<f64>) -> [f64; 2] {
         let label = self.anatomy.volume.label_index_at(position);
-        label.map_or(0.0, |label| {
+        label.map_or([0.0; 2], |label| {
             shadow.db_per_mm(self.anatomy.tissues.tissue(label), self.acquisition.frequency_mhz)
         })
     }

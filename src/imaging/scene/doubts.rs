@@ -8,6 +8,7 @@ use super::paths::NeedleTable;
 use super::resolve::{UNITS, scaled, sees};
 use super::target::Body;
 use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use crate::effects::shadow::downshift::Downshift;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::parallel;
 use insonify_base::text::some_of;
@@ -161,12 +162,15 @@ pub(super) fn of_probe(probe: &Probe) -> Vec<String> {
             all(1)
         ));
     }
-    let lost_db = 2.0 * SOFT_TISSUE_DB_CM_MHZ * probe.frequency_mhz * probe.depth_mm / 10.0;
-    if lost_db > SILENT_DB {
+    let downshift = Downshift::new(probe.transducer().bandwidth);
+    let lost_db =
+        |depth_mm: f64| downshift.felt_db(2.0 * SOFT_TISSUE_DB_CM_MHZ * probe.frequency_mhz * depth_mm / 10.0);
+    let silent_mm = (1..=probe.depth_mm as u32).find(|depth_mm| lost_db(f64::from(*depth_mm)) > SILENT_DB);
+    if let Some(silent_mm) = silent_mm {
         let [mhz, depth_mm] = [probe.frequency_mhz, probe.depth_mm];
         doubts.push(format!(
-            "at {mhz} MHz soft tissue takes {lost_db:.0} dB from an echo of {depth_mm} mm: below {:.0} mm there is nothing but noise",
-            depth_mm * SILENT_DB / lost_db
+            "at {mhz} MHz soft tissue takes {:.0} dB from an echo of {depth_mm} mm: below {silent_mm} mm there is nothing but noise",
+            lost_db(depth_mm)
         ));
     }
     for (key, angle) in probe.shape.numbers() {

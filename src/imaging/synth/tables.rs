@@ -121,6 +121,8 @@ pub struct LabelRow {
     pub impedance: f32,
     /// Two-way loss over one sample, in units of [`crate::effects::buffers::UNITS_PER_DB`].
     pub loss: u32,
+    /// What of it grows with frequency.
+    pub attenuation: u32,
     /// Index of its texture in the atlas plus one; 0 for none.
     pub texture: u32,
     /// Reflection coefficient of its capsule.

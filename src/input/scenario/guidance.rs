@@ -147,7 +147,11 @@ impl<'a> Guide<'a> {
             let point = start + ray * ((step as f64 + 0.5) / steps);
             let label = volume.label_index_at(&point);
             label.map_or(0.0, |label| {
-                shadow.db_per_mm(scene.anatomy.tissues.tissue(label), scene.settings.probe.frequency_mhz)
+                let tissue = scene.anatomy.tissues.tissue(label);
+                shadow
+                    .db_per_mm(tissue, scene.settings.probe.frequency_mhz)
+                    .iter()
+                    .sum()
             })
         };
         (0..steps as usize).map(lost).sum::<f64>() * ray.norm() / steps

@@ -3,7 +3,7 @@
 use insonify_base::statistics::mean;
 use insonify_imaging::effects::point_spread::PointSpread;
 use insonify_imaging::effects::receiver::Receiver;
-use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use insonify_imaging::effects::shadow::{Attenuation, SOFT_TISSUE_DB_CM_MHZ};
 use insonify_imaging::effects::tone::{MID_GREY, Tone};
 use insonify_imaging::effects::{Effects, speckle::Speckle};
 use insonify_tracking::probe::Probe;
@@ -35,7 +35,7 @@ pub(super) fn rounded(value: f64) -> f64 {
 impl Model {
     /// Returns the default effects under a probe, except for automatic gain and the curve.
     pub(super) fn start(probe: &Probe) -> Self {
-        let spread = PointSpread::new(&Speckle::default(), probe);
+        let spread = PointSpread::new(&Speckle::default(), probe, Attenuation::default());
         Self {
             axial_mm: AXIAL_MM / probe.frequency_mhz,
             lateral_mm: spread.lateral_mm,
@@ -92,7 +92,11 @@ impl Model {
     }
 
     pub(super) fn spread(&self, probe: &Probe) -> PointSpread {
-        PointSpread::new(&self.effects().speckle.unwrap_or_default(), probe)
+        PointSpread::new(
+            &self.effects().speckle.unwrap_or_default(),
+            probe,
+            Attenuation::default(),
+        )
     }
 
     /// Returns gain plus compensation at a depth, dB.

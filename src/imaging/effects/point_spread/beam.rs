@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use std::f64::consts::{LN_2, PI, TAU};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use crate::effects::shadow::Attenuation;
 use insonify_base::parallel;
 use insonify_tracking::probe::{Apodisation, Transducer};
 use nalgebra::Complex;
@@ -66,18 +67,24 @@ pub(super) struct Lengths {
 }
 
 impl Beam {
-    /// Computes the beam of a transducer, or takes it from those computed last.
-    pub(super) fn of(transducer: &Transducer, depth_mm: f64) -> Arc<Self> {
-        type Kept = VecDeque<((Transducer, f64), Arc<Beam>)>;
+    /// Computes the beam of a transducer in tissue of this attenuation, or takes it from those computed last.
+    pub(super) fn of(transducer: &Transducer, depth_mm: f64, attenuation: Attenuation) -> Arc<Self> {
+        type Kept = VecDeque<((Transducer, f64, Attenuation), Arc<Beam>)>;
         static KEPT_BEAMS: Mutex<Kept> = Mutex::new(VecDeque::new());
         let kept = || KEPT_BEAMS.lock().unwrap_or_else(PoisonError::into_inner);
-        let key = (*transducer, depth_mm);
+        let key = (*transducer, depth_mm, attenuation);
         if let Some((_, beam)) = kept().iter().find(|(other, _)| *other == key) {
             return beam.clone();
         }
         let step_mm = depth_mm / DEPTHS as f64;
         let sections = parallel::map(0..DEPTHS, &|depth| {
-            Section::new(transducer, (depth + 1) as f64 * step_mm)
+            let depth_mm = (depth + 1) as f64 * step_mm;
+            let wavelength_mm = transducer.wavelength_mm / attenuation.centre_at(depth_mm);
+            let lowered = Transducer {
+                wavelength_mm,
+                ..*transducer
+            };
+            Section::new(&lowered, depth_mm)
         });
         let beam = Arc::new(Self { step_mm, sections });
         let mut kept = kept();

@@ -241,6 +241,7 @@ fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::shadow::Attenuation;
     use crate::effects::speckle::Speckle;
     use insonify_tracking::probe::{Linear, Probe};
 
@@ -255,7 +256,7 @@ mod tests {
             focal_zone_mm: Some(10_000.0),
             ..Speckle::default()
         };
-        let spread = PointSpread::new(&speckle, &probe);
+        let spread = PointSpread::new(&speckle, &probe, Attenuation::default());
         let (mut mean, mut snr, mut half) = (0.0, 0.0, 0.0);
         const SEEDS: u64 = 4;
         for seed in 0..SEEDS {

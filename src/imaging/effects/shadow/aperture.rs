@@ -13,7 +13,7 @@
 
 use std::ops::Range;
 
-use super::{MAX_UNITS, Shadow, exponent_per_unit, needle_units, one_way};
+use super::{Shadow, Sums, exponent_per_unit, needle_units, one_way, shaded};
 use crate::effects::lateral::BLOCK;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
@@ -145,7 +145,8 @@ impl Aperture {
         let samples = grid.samples();
         let shifts = (0..=SIDE).flat_map(|ray| {
             let fan = &fan;
-            (0..samples).map(move |sample| fan.shift(ray as f64 * step, grid.sample_depth_mm(sample), grid).round() as i32)
+            (0..samples)
+                .map(move |sample| fan.shift(ray as f64 * step, grid.sample_depth_mm(sample), grid).round() as i32)
         });
         let shifts: Vec<i32> = shifts.collect();
         let mut rows = vec![0.0; 2 * (SIDE + 1) * samples];
@@ -154,7 +155,10 @@ impl Aperture {
             // Weights of the elements up to those halfway to the next ray.
             let up_to = |ray: usize| {
                 let element_mm = fan.element_mm((ray as f64 + 0.5) * step, depth_mm).min(largest);
-                [element_mm.min(transmit) / transmit, weights.within(element_mm / receive(depth_mm))]
+                [
+                    element_mm.min(transmit) / transmit,
+                    weights.within(element_mm / receive(depth_mm)),
+                ]
             };
             let all = up_to(SIDE);
             for ray in 0..=SIDE {
@@ -223,7 +227,8 @@ impl Aperture {
 pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let loss = super::loss_of_labels(tables);
+    let losses = super::losses_of_labels(tables);
+    let downshift = tables.effects.shadow.downshift.map(T::of);
     let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
     let (labels, mask) = (&store.label, &store.needle_mask);
     let rows = chunks_mut(&mut store.effects.shadow.through, samples);
@@ -232,8 +237,9 @@ pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
             aperture: &tables.effects.shadow.aperture,
             ray_and_element: [row / lines, row % lines],
             lines,
-            loss: &loss,
+            losses: &losses,
             needle,
+            downshift,
             labels,
             mask,
             through,
@@ -246,8 +252,9 @@ struct Ray<'a, T> {
     aperture: &'a Aperture,
     ray_and_element: [usize; 2],
     lines: usize,
-    loss: &'a [u32; 256],
+    losses: &'a [[u32; 2]; 256],
     needle: Option<T>,
+    downshift: [T; 2],
     labels: &'a [u8],
     mask: &'a [[T; 2]],
     through: &'a mut [T],
@@ -261,28 +268,23 @@ impl<T: Real> Kernel for Ray<'_, T> {
         let samples = self.through.len();
         let [ray, element] = self.ray_and_element;
         let exponent = T::of(0.5 * exponent_per_unit());
-        let mut above = 0u32;
+        let mut sums = Sums::default();
         for (block, through) in self.through.chunks_mut(BLOCK).enumerate() {
-            let mut down_to = [0u32; BLOCK];
-            for run in self.aperture.runs(ray, block * BLOCK) {
+            let start = block * BLOCK;
+            for run in self.aperture.runs(ray, start) {
                 let line = self.aperture.line_at([ray, element, run.start], self.lines);
                 let place = line * samples + run.start..line * samples + run.end;
-                let down_to = &mut down_to[run.start - block * BLOCK..];
-                let mut pass = |down_to: &mut u32, own: u32| {
-                    *down_to = (above + own / 2).min(MAX_UNITS);
-                    above = (above + own).min(MAX_UNITS);
-                };
-                let labels = self.labels[place.clone()].iter().zip(down_to);
+                let labels = (run.start - start..).zip(&self.labels[place.clone()]);
                 match self.needle {
-                    None => labels.for_each(|(label, down_to)| pass(down_to, self.loss[usize::from(*label)])),
-                    Some(units) => labels.zip(&self.mask[place]).for_each(|((label, down_to), mask)| {
-                        let needle = (mask[1] * units).to_u32().unwrap_or(0);
-                        pass(down_to, self.loss[usize::from(*label)] + needle);
+                    None => labels.for_each(|(i, label)| sums.add(i, self.losses[usize::from(*label)])),
+                    Some(units) => labels.zip(&self.mask[place]).for_each(|((i, label), mask)| {
+                        let [attenuation, other] = self.losses[usize::from(*label)];
+                        sums.add(i, [attenuation, other + shaded(*mask, units)]);
                     }),
                 }
             }
-            for (through, down_to) in through.iter_mut().zip(down_to) {
-                *through = one_way(down_to, exponent);
+            for (i, through) in through.iter_mut().enumerate() {
+                *through = one_way(sums.felt(i, self.downshift), exponent);
             }
         }
     }
@@ -332,7 +334,9 @@ impl<T: Real> Kernel for Mean<'_, T> {
                     if let Some(element) = self.aperture.element_at([ray, line, run.start], lines) {
                         let through = &self.through[(ray * lines + element) * samples..][run.clone()];
                         let sums = there[first..].iter_mut().zip(&mut back[first..]);
-                        for (((there, back), through), (to, from)) in sums.zip(through).zip(transmit.iter().zip(receive)) {
+                        for (((there, back), through), (to, from)) in
+                            sums.zip(through).zip(transmit.iter().zip(receive))
+                        {
                             *there += *to * *through;
                             *back += *from * *through;
                         }
@@ -395,7 +399,10 @@ mod tests {
     fn rays_are_straight_under_every_array() {
         for shape in [
             ProbeShape::Linear(Linear { width_mm: 60.0 }),
-            ProbeShape::Curvilinear(Curvilinear { radius_mm: 40.0, angle_deg: 80.0 }),
+            ProbeShape::Curvilinear(Curvilinear {
+                radius_mm: 40.0,
+                angle_deg: 80.0,
+            }),
             ProbeShape::Phased(Phased { angle_deg: 90.0 }),
         ] {
             let (aperture, grid) = aperture(shape);
@@ -420,10 +427,18 @@ mod tests {
     fn weights_add_up_and_transmission_takes_fewer_rays_with_depth() {
         let (aperture, grid) = aperture(ProbeShape::Linear(Linear { width_mm: 50.0 }));
         for sample in 0..grid.samples() {
-            let sum = |way: usize| (0..RAYS).map(|ray| aperture.weights::<f64>(ray)[way][sample]).sum::<f64>();
+            let sum = |way: usize| {
+                (0..RAYS)
+                    .map(|ray| aperture.weights::<f64>(ray)[way][sample])
+                    .sum::<f64>()
+            };
             assert!((sum(0) - 1.0).abs() < 1e-12 && (sum(1) - 1.0).abs() < 1e-12, "{sample}");
         }
-        let taken = |sample: usize| (0..RAYS).filter(|ray| aperture.weights::<f64>(*ray)[0][sample] > 0.0).count();
+        let taken = |sample: usize| {
+            (0..RAYS)
+                .filter(|ray| aperture.weights::<f64>(*ray)[0][sample] > 0.0)
+                .count()
+        };
         assert_eq!([taken(20), taken(299)], [RAYS, 5]);
     }
 }

@@ -13,19 +13,23 @@ use crate::parity::{Slack, Step};
 /// Propagates the bounds through the pass of the losses, which does not change echoes.
 pub(crate) fn carry_loss(step: &Step, slack: &mut Slack) {
     let samples = step.samples();
-    let scanlines = (0..step.lines()).flat_map(|line| {
-        down(samples, |sample| loss(step, slack, line * samples + sample))
-    });
+    let scanlines =
+        (0..step.lines()).flat_map(|line| down(step, |sample| losses(step, slack, line * samples + sample)));
     let losses = scanlines.map(|[_, off]| off).collect();
     slack.loss = losses;
 }
 
-/// Returns the loss of a sample, in units, with its error bound.
-fn loss(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
-    let tissue = |label: u8| f64::from(step.tables.label_rows[usize::from(label)].loss);
-    let [exact, twin] = [step.after, step.twin].map(|beam| tissue(beam.label[index]));
+/// Returns the losses of a sample, by attenuation and others, in units, with their error bounds.
+fn losses(step: &Step, slack: &Slack, index: usize) -> [[f64; 2]; 2] {
+    let [exact, twin] = [step.after, step.twin].map(|beam| {
+        let row = step.tables.label_rows[usize::from(beam.label[index])];
+        [row.attenuation, row.loss - row.attenuation].map(f64::from)
+    });
     let [needle, needle_off] = needle(step, slack, index);
-    [exact + needle, (exact - twin).abs() + needle_off]
+    [
+        [exact[0], (exact[0] - twin[0]).abs()],
+        [exact[1] + needle, (exact[1] - twin[1]).abs() + needle_off],
+    ]
 }
 
 /// Returns the loss of a sample in the needle, in units, and its error bound.
@@ -44,18 +48,30 @@ fn needle(step: &Step, slack: &Slack, index: usize) -> [f64; 2] {
     [(shade * units).floor(), off]
 }
 
-/// Accumulates the samples' own losses down to the middle of each sample, with error bounds.
-fn down(samples: usize, loss: impl Fn(usize) -> [f64; 2]) -> Vec<[f64; 2]> {
-    let mut above = [0.0; 2];
+/// Accumulates the samples' own losses down to the middle of each sample, as a pulse feels them, with error bounds.
+fn down(step: &Step, losses: impl Fn(usize) -> [[f64; 2]; 2]) -> Vec<[f64; 2]> {
+    let [unfelt, least_centre_at] = step.tables.effects.shadow.downshift;
+    let mut above = [[0.0; 2]; 2];
     let sample = |sample| {
-        let [loss, off] = loss(sample);
-        // Half of the sample's own loss, again truncated to whole units.
-        let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
-        let at_centre = [above[0] + (0.5 * loss).floor(), above[1] + halved];
-        above = [above[0] + loss, above[1] + off];
-        at_centre
+        let own = losses(sample);
+        let [attenuation, other] = [0, 1].map(|kind| {
+            let ([sum, sum_off], [loss, off]) = (above[kind], own[kind]);
+            // Half of the sample's own loss, again truncated to whole units.
+            let halved = if off > 0.0 { 0.5 * off + 1.0 } else { 0.0 };
+            above[kind] = [sum + loss, sum_off + off];
+            [(sum + (0.5 * loss).floor()).min(f64::from(MAX_UNITS)), sum_off + halved]
+        });
+        let shifting = attenuation[0].min(least_centre_at);
+        let spared = unfelt * shifting * (2.0 * attenuation[0] - shifting);
+        // Units converted (1/2), both numbers stored (1), a difference and a sum (2) of up to twice the units, two products;
+        // truncated to whole units.
+        let rounded = 12.0 * ULP * unfelt * shifting * 2.0 * attenuation[0] + if spared > 0.0 { 1.0 } else { 0.0 };
+        [
+            attenuation[0] - spared.floor() + other[0],
+            attenuation[1] + other[1] + rounded,
+        ]
     };
-    (0..samples).map(sample).collect()
+    (0..step.samples()).map(sample).collect()
 }
 
 /// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds.
@@ -69,9 +85,9 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);
-            let losses = down(samples, |sample| {
+            let losses = down(step, |sample| {
                 let line = aperture.line_at([ray, element, sample], lines);
-                loss(step, slack, line * samples + sample)
+                losses(step, slack, line * samples + sample)
             });
             losses.into_iter().map(|[loss, off]| one_way(loss, off))
         })
@@ -102,7 +118,9 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
         let off = (DIVIDE + ROOT + 2.0 * ULP) * most + 2.0 * (TINY / whole).sqrt();
         [exact, (most - exact).max(exact - least) + off]
     };
-    (0..lines * samples).map(|index| mean(index / samples, index % samples)).collect()
+    (0..lines * samples)
+        .map(|index| mean(index / samples, index % samples))
+        .collect()
 }
 
 /// Returns the one-way transmittance for a loss, and its error bound.

@@ -397,10 +397,15 @@ fn edge(beam: &Beam, sample: usize, line_mm: f64) -> [f64; 3] {
     let middle = beam.lines / 2;
     let at = |line: usize| beam.amplitude[line * beam.samples + sample];
     // Both sides, relative to the outermost scanlines, where all rays pass the cylinder.
-    let side: Vec<f64> = (0..=middle).map(|away| (at(middle + away) + at(middle - away)) / (2.0 * at(0))).collect();
+    let side: Vec<f64> = (0..=middle)
+        .map(|away| (at(middle + away) + at(middle - away)) / (2.0 * at(0)))
+        .collect();
     [0.1, 0.5, 0.9].map(|share| {
         let level = side[0] + share * (1.0 - side[0]);
-        let beyond = side.iter().position(|level_at| *level_at >= level).expect("the edge of a shadow");
+        let beyond = side
+            .iter()
+            .position(|level_at| *level_at >= level)
+            .expect("the edge of a shadow");
         (beyond as f64 - (side[beyond] - level) / (side[beyond] - side[beyond - 1])) * line_mm
     })
 }
@@ -442,7 +447,10 @@ fn the_edge_of_a_shadow_opens_with_depth_as_the_aperture_does() {
                     let [start, middle, end] = edge(&beam, sample, line_mm);
                     let penumbra = end - start;
                     let expected = if is_opaque { x90 - x10 } else { absorbed };
-                    println!("{name}, {mhz} MHz, {depth} mm: {:.3} of {expected} mm, edge {middle:.2}", penumbra / expected);
+                    println!(
+                        "{name}, {mhz} MHz, {depth} mm: {:.3} of {expected} mm, edge {middle:.2}",
+                        penumbra / expected
+                    );
                     assert!(
                         (penumbra / expected - 1.0).abs() < 0.2,
                         "{name}, {mhz} MHz, {depth} mm: a penumbra of {penumbra} mm, not {expected}"

@@ -2,8 +2,13 @@ use super::*;
 
 #[test]
 fn an_opaque_run_saturates_and_stays_dark() {
-    let mut down_to = vec![0; 8192];
-    accumulate(|_| units(1e9), &mut down_to);
+    let mut sums = Sums::default();
+    let down_to: Vec<u32> = (0..8192)
+        .map(|sample| {
+            sums.add(sample % BLOCK, [0, units(1e9)]);
+            sums.felt(sample % BLOCK, [0.0f64; 2])
+        })
+        .collect();
     assert!(down_to.is_sorted());
     assert_eq!(down_to[8191], MAX_UNITS);
     assert_eq!(transmittance::<f32>(down_to[8191]), 0.0);

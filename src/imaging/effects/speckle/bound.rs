@@ -97,12 +97,12 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let fine_lines = speckle.fine_lines(lines);
     let over = speckle.oversampling;
     let echoes = echoes(step, slack, speckle);
-    let axial = speckle.axial.of::<f64>();
-    let reach = axial.len() / 2;
+    let reach = speckle.axial_reach();
     let mut spread = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {
         for sample in 0..samples {
             let mut sum = [0.0; 2];
+            let axial = speckle.axial_at::<f64>(sample, samples);
             for (tap, weight) in axial.iter().enumerate() {
                 if let Some(index) = (sample + tap).checked_sub(reach).filter(|&index| index < samples) {
                     sum = add(sum, weight.abs(), echoes[fine * samples + index]);

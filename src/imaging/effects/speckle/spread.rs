@@ -1,5 +1,6 @@
 //! Point spread in the beam frame: axial and lateral convolution, and the modulus.
 
+use super::tables::SpeckleTables;
 use crate::effects::lateral::{BLOCK, LateralKernel};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
@@ -12,14 +13,14 @@ pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
         return;
     };
     let samples = view.tables.samples();
-    let (weights, ends) = (speckle.axial.of::<T>(), speckle.ends.of::<T>());
+    let ends = speckle.ends.of::<T>();
     let input = &store.effects.speckle.scatter;
     for_each(
         (0.., chunks_mut(&mut store.effects.speckle.scatter_axial, samples)),
         &|(part, output)| {
             T::vectorised(Along {
                 input: &input[part * samples..][..samples],
-                weights,
+                speckle,
                 ends,
                 output,
             });
@@ -30,7 +31,7 @@ pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
 /// Convolution along a scanline, truncated at its ends and rescaled there to preserve its power.
 struct Along<'a, T> {
     input: &'a [T],
-    weights: &'a [T],
+    speckle: &'a SpeckleTables,
     ends: &'a [T],
     output: &'a mut [T],
 }
@@ -42,25 +43,28 @@ impl<T: Real> Kernel for Along<'_, T> {
     fn run(self) {
         let Self {
             input,
-            weights,
+            speckle,
             ends,
             output,
         } = self;
         let samples = input.len();
-        let reach = weights.len() / 2;
+        let reach = speckle.axial_reach();
         output.fill(T::zero());
-        for (tap, &weight) in weights.iter().enumerate() {
-            // output[i] += weight * input[i + tap - reach]
-            let (from, to) = (
-                reach.saturating_sub(tap),
-                (samples + reach).saturating_sub(tap).min(samples),
-            );
-            if from >= to {
-                continue;
-            }
-            let source = &input[from + tap - reach..to + tap - reach];
-            for (out, &value) in output[from..to].iter_mut().zip(source) {
-                *out += weight * value;
+        for band in 0..speckle.bands {
+            let [start, end] = [band, band + 1].map(|band| (band * samples).div_ceil(speckle.bands));
+            for (tap, &weight) in speckle.axial_at::<T>(start, samples).iter().enumerate() {
+                // output[i] += weight * input[i + tap - reach]
+                let (from, to) = (
+                    reach.saturating_sub(tap).max(start),
+                    (samples + reach).saturating_sub(tap).min(end),
+                );
+                if from >= to || weight == T::zero() {
+                    continue;
+                }
+                let source = &input[from + tap - reach..to + tap - reach];
+                for (out, &value) in output[from..to].iter_mut().zip(source) {
+                    *out += weight * value;
+                }
             }
         }
         for (out, &factor) in output.iter_mut().zip(ends) {

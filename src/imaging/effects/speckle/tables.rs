@@ -5,7 +5,7 @@ use super::power::{correlations, lattice_correlation, power, restored, unit_powe
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH};
 use crate::effects::point_spread::{PointSpread, Shape};
 use insonify_base::parallel;
-use insonify_base::real::Numbers;
+use insonify_base::real::{Numbers, Real};
 use insonify_tracking::probe::BeamGrid;
 
 /// Precomputed speckle data of a probe at given settings.
@@ -21,9 +21,11 @@ pub struct SpeckleTables {
     pub plane_mm: f64,
     /// Weights of the sub-planes, from the most negative elevation to the most positive.
     pub planes: Vec<f64>,
-    /// Weights along the beam.
+    /// Weights along the beam, a row for each of [`SpeckleTables::bands`].
     pub axial: Numbers,
-    /// Ratio of the actual to the requested axial length: below 1 if its kernel would exceed the maximum reach.
+    /// Number of equal bands of depth, each with its own axial length.
+    pub bands: usize,
+    /// Smallest ratio of actual to requested axial length: below 1 if a kernel would exceed the maximum reach.
     pub axial_share: f64,
     /// Per sample: factor that compensates for the truncation of the axial kernel at the ends of a scanline.
     pub ends: Numbers,
@@ -43,6 +45,9 @@ const LATTICE_PER_SIGMA: f64 = 1.5;
 
 /// Elevational length in lattice distances that four sub-planes reach: more cost time, and do not show in one frame.
 const AFFORDED: f64 = 3.5;
+
+/// Number of bands of depth where pulses lengthen: by half down to the farthest, so that steps are below 7 %.
+const BANDS: usize = 8;
 
 /// Maximum number of sub-planes in the parameter block.
 pub(super) const MAX_PLANES: usize = 8;
@@ -72,21 +77,36 @@ impl SpeckleTables {
         let planes = unit_power(elevation.weights, |steps| correlation(steps * plane_mm));
 
         let sample_mm = grid.sample_spacing_mm();
-        let requested = Shape::new(spread.axial_point_mm, spread.axial_mm, interpolation_mm2);
-        let axial_share = (MAX_REACH as f64 * sample_mm / requested.reach_mm()).min(1.0);
-        let pulse = Shape {
-            sigma_mm: axial_share * requested.sigma_mm,
-            ..requested
-        };
         let along = |steps: f64| correlation(steps * sample_mm);
-        let axial = unit_power(
-            weights(pulse.reach_mm() / sample_mm, |tap| pulse.weight(tap * sample_mm)),
-            along,
-        );
-        let correlated = correlations(axial.len(), along);
-        let ends = (0..grid.samples())
-            .map(|sample| restored(&axial, sample, grid.samples(), &correlated))
+        let pulse = |depth_mm: f64| {
+            let [point_mm, speckle_mm] = spread.axial_lengths(depth_mm);
+            let requested = Shape::new(point_mm, speckle_mm, interpolation_mm2);
+            let share = (MAX_REACH as f64 * sample_mm / requested.reach_mm()).min(1.0);
+            let shape = Shape {
+                sigma_mm: share * requested.sigma_mm,
+                ..requested
+            };
+            let weights = weights(shape.reach_mm() / sample_mm, |tap| shape.weight(tap * sample_mm));
+            (unit_power(weights, along), share)
+        };
+        let lengthens = spread.axial_lengths(grid.depth_mm()) != spread.axial_lengths(0.0);
+        let bands = if lengthens { BANDS.min(grid.samples()) } else { 1 };
+        let pulses: Vec<(Vec<f64>, f64)> = (0..bands)
+            .map(|band| pulse((band as f64 + 0.5) / bands as f64 * grid.depth_mm()))
             .collect();
+        let axial_share = pulses.iter().fold(1.0f64, |least, (_, share)| least.min(*share));
+        let of_sample = |sample: usize| &pulses[sample * bands / grid.samples()].0;
+        let ends = (0..grid.samples()).map(|sample| {
+            let axial = of_sample(sample);
+            restored(axial, sample, grid.samples(), &correlations(axial.len(), along))
+        });
+        let ends = Numbers::new(ends.collect());
+        let reach = pulses.iter().map(|(weights, _)| weights.len() / 2).max().unwrap_or(0);
+        let padded = |weights: &[f64]| {
+            let beyond = vec![0.0; reach - weights.len() / 2];
+            [&beyond, weights, &beyond].concat()
+        };
+        let axial: Vec<f64> = pulses.iter().flat_map(|(weights, _)| padded(weights)).collect();
 
         let widest = grid
             .lateral_spacing_mm(grid.depth_mm())
@@ -122,12 +142,12 @@ impl SpeckleTables {
         let rows: Vec<Vec<f64>> = rows.into_iter().map(|(row, _)| row).collect();
         let lateral = LateralKernel::of(&rows, least_share);
         let fine_lines = (grid.lines() - 1) * oversampling + 1;
-        let step = step_weight(&axial);
         // The kernels have unit power for scatterers, whose phases are random. A surface adds up coherently: its gain,
         // the sum of the weights and not the root of their squares, is undone.
         let specular = rows
             .iter()
-            .map(|weights| 1.0 / (step * weights.iter().sum::<f64>()))
+            .enumerate()
+            .map(|(sample, weights)| 1.0 / (step_weight(of_sample(sample)) * weights.iter().sum::<f64>()))
             .collect();
         // Both ends of the array are alike: one row of factors serves either side.
         let edge_lines = lateral.reach.div_ceil(oversampling).min(grid.lines().div_ceil(2));
@@ -145,19 +165,21 @@ impl SpeckleTables {
             plane_mm,
             planes,
             axial: Numbers::new(axial),
+            bands,
             axial_share,
-            ends: Numbers::new(ends),
+            ends,
             specular: Numbers::new(specular),
             lateral,
             edges,
         }
     }
 
-    /// Gain of the axial kernel for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`,
+    /// Gain of the axial kernel in the middle of the image for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`,
     /// relative to that of a surface.
     pub(crate) fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
-        let axial = self.axial.of::<f64>();
-        let middle = (axial.len() / 2) as f64;
+        let taps = 2 * self.axial_reach() + 1;
+        let axial = &self.axial.of::<f64>()[self.bands / 2 * taps..][..taps];
+        let middle = (taps / 2) as f64;
         let inside = axial
             .iter()
             .enumerate()
@@ -177,7 +199,13 @@ impl SpeckleTables {
     }
 
     pub(super) fn axial_reach(&self) -> usize {
-        self.axial.of::<f64>().len() / 2
+        self.axial.of::<f64>().len() / self.bands / 2
+    }
+
+    /// Weights along the beam at a sample.
+    pub(super) fn axial_at<T: Real>(&self, sample: usize, samples: usize) -> &[T] {
+        let taps = 2 * self.axial_reach() + 1;
+        &self.axial.of::<T>()[sample * self.bands / samples * taps..][..taps]
     }
 }
 

@@ -49,7 +49,10 @@ const VARIANTS: [Variant; 3] = [
             shadow: effects
                 .shadow
                 .clone()
-                .map(|shadow| insonify_imaging::effects::shadow::Shadow { beam_mm: Some(0.0), ..shadow }),
+                .map(|shadow| insonify_imaging::effects::shadow::Shadow {
+                    beam_mm: Some(0.0),
+                    ..shadow
+                }),
             ..bare(effects)
         },
         grids: SAMPLES,
