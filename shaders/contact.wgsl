@@ -17,13 +17,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let scanline = id.z * params.lines + id.y;
-    let gap = gaps[scanline];
+    let gap = gaps[id.y];
     let direction = rays[id.y].zw;
     let m = params.probe_to_world;
     let step = vec3<f32>(dot(m[0].xy, direction), dot(m[1].xy, direction), dot(m[2].xy, direction)) * gap;
     let s = (f32(id.x) + 0.5) * params.sample_mm;
     let left = max(1.0 - s * params.per_fade, 0.0);
-    let index = scanline * params.samples + id.x;
+    let index = id.y * params.samples + id.x;
     positions[index] += vec4<f32>(step * (left * left), 0.0);
 }

@@ -22,7 +22,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let index = (id.z * params.lines + id.y) * params.samples + id.x;
+    let index = id.y * params.samples + id.x;
     let texture = label_rows[labels[index]].texture;
     if texture > 0u {
         let value = sample_texture(entries[texture - 1u], positions[index].xyz);

@@ -2,7 +2,7 @@
 struct Params {
     lines: u32,
     samples: u32,
-    planes: u32,
+    unused: u32,
     deformed: u32,
     reference: u32,
     reference_at: u32,
@@ -117,8 +117,8 @@ fn raster(@builtin(local_invocation_index) own: u32, @builtin(workgroup_id) grou
         let first_line = u32(frames[frame + 1u].w);
         let lines = u32(frames[frame + 3u].w) - first_line;
         let inverted = frames[frame + 2u].w != 0.0;
-        for (var i = own; i < lines * params.planes; i += 64u) {
-            let first = ((i / lines) * params.lines + first_line + i % lines) * params.samples;
+        for (var i = own; i < lines; i += 64u) {
+            let first = (first_line + i) * params.samples;
             let near = candidates(e, first);
             let end = first + near.y;
             for (var at_once = first + near.x; at_once < end; at_once += TOGETHER) {
@@ -151,7 +151,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let sample = (id.z * params.lines + id.y) * params.samples + id.x;
+    let sample = id.y * params.samples + id.x;
     let hit = found[sample];
     let slot = ~hit.x;
     elements[sample] = slot;

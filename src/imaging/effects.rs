@@ -405,7 +405,8 @@ registry! {
     slice: Slice with Boundary = "How labels are read from the volume.";
     texture: Option<Texture> = "Solid textures of the tissues that name one.",
         derives texture::Derived;
-    thickness: Option<Thickness> = "Finite elevational thickness of the scan plane.";
+    thickness: Option<Thickness> = "Finite elevational thickness of the scan plane.",
+        derives thickness::Derived;
     speckle: Option<Speckle> = "Fully developed speckle.",
         derives speckle::Derived, columns speckle::Columns<T>;
     interface: Option<Interface> = "Specular echoes where the acoustic impedance changes.";

@@ -73,7 +73,7 @@ enum Domain {
 
 fn domain(grid: Grid) -> Domain {
     match grid {
-        Grid::Planes | Grid::Samples | Grid::Scanlines => Domain::Beam,
+        Grid::Samples | Grid::Scanlines => Domain::Beam,
         Grid::FineSamples(_) => Domain::Fine,
         Grid::Pixels | Grid::Words => Domain::Image,
         Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,

@@ -241,14 +241,12 @@ fn compare(case: &Case, exact: &mut Synthesizer, trail: &Trail, twin: Twin) -> R
     }
     for (index, (pass, beam)) in trail.passes.iter().zip(&twin.trail.beams).enumerate() {
         let step = Step {
-            case,
             tables: exact.tables(),
             state: local.localized(&case.state),
             before: index.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
             after: &trail.beams[index],
             twin: beam,
             to_nearest: twin.to_nearest,
-            sub_plane_mm: None,
         };
         let earlier = slack.faults.len();
         // The bound comes first: it widens the slack by what this pass may round, to which the twin is then

@@ -192,10 +192,9 @@ fn workgroups_cover_the_work_and_no_more() {
 
 /// Invocations that a grid has along x, and groups along y and z.
 fn work(grid: Grid, tables: &Tables) -> [u64; 3] {
-    let (lines, samples, planes) = (tables.lines() as u64, tables.samples() as u64, tables.planes() as u64);
+    let (lines, samples) = (tables.lines() as u64, tables.samples() as u64);
     let (width, height) = (tables.width() as u64, tables.height() as u64);
     match grid {
-        Grid::Planes => [samples, lines, planes],
         Grid::Samples => [samples, lines, 1],
         // One group a scanline, or what else a number of groups stands for, however many samples.
         Grid::Scanlines => [256, lines, 1],
@@ -223,6 +222,7 @@ fn rows_of_tables_have_the_layout_of_their_structs() {
                 ("echo", offset_of!(LabelRow, echo)),
                 ("impedance", offset_of!(LabelRow, impedance)),
                 ("loss", offset_of!(LabelRow, loss)),
+                ("attenuation", offset_of!(LabelRow, attenuation)),
                 ("texture", offset_of!(LabelRow, texture)),
             ],
         ),

@@ -149,14 +149,9 @@ pub fn bytes_of<P: Pod>(values: &[P]) -> Vec<u8> {
     bytemuck::cast_slice(values).to_vec()
 }
 
-/// Number of samples of a plane.
+/// Number of samples of a frame.
 pub fn beam(tables: &Tables) -> usize {
     tables.lines() * tables.samples()
-}
-
-/// Number of samples of all sub-planes.
-pub fn planes(tables: &Tables) -> usize {
-    beam(tables) * tables.planes()
 }
 
 fn pixels(tables: &Tables) -> usize {
@@ -172,11 +167,11 @@ pub static RAYS: Buffer = Buffer::new(0, "Rays", 16, Tables::lines).shared(|tabl
     bytes_of(&rays)
 });
 
-/// Per sample and sub-plane: current, then reference position, relative to the local origin, and a flag (`vec4<f32>`).
-pub static POSITION: Buffer = Buffer::new(20, "Position", 16, planes);
+/// Per sample: current, then reference position, relative to the local origin, and a flag (`vec4<f32>`).
+pub static POSITION: Buffer = Buffer::new(20, "Position", 16, beam);
 
-/// Per sample and sub-plane: slot of the element that contains it among those in the slab (`u32`).
-pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, planes);
+/// Per sample: slot of the element that contains it among those in the slab (`u32`).
+pub static ELEMENT: Buffer = Buffer::new(30, "Element", 4, beam);
 
 /// Affine maps of the elements in the slab: of the reference state four each, of the deformed state four and three
 /// (`vec4<f32>`).
@@ -185,9 +180,9 @@ pub(crate) static ELEMENT_MAPS: Buffer = Buffer::new(40, "ElementMaps", 16, |tab
 })
 .packed();
 
-/// Per sample and sub-plane, during the warp on a GPU: complement of the lowest slot that contains it, and flags
+/// Per sample, during the warp on a GPU: complement of the lowest slot that contains it, and flags
 /// (`vec2<u32>`); cleared before every frame.
-pub(crate) static HITS: Buffer = Buffer::new(50, "Hits", 8, planes);
+pub(crate) static HITS: Buffer = Buffer::new(50, "Hits", 8, beam);
 
 /// Label indices of the volume, four to a `u32`.
 pub(crate) static VOXELS: Buffer = Buffer::new(80, "Voxels", 4, |tables| tables.volume.voxels().len().div_ceil(4))
@@ -202,11 +197,11 @@ pub(crate) static LABEL_ROWS: Buffer =
     Buffer::new(90, "LabelRows", size_of::<LabelRow>(), |tables| tables.label_rows.len())
         .shared(|tables, _| bytes_of(&tables.label_rows));
 
-/// Per sample and sub-plane: label index (`u32`).
-pub(crate) static LABEL: Buffer = Buffer::new(120, "Label", 4, planes);
+/// Per sample: label index (`u32`).
+pub(crate) static LABEL: Buffer = Buffer::new(120, "Label", 4, beam);
 
-/// Per sample (and sub-plane, up to their average): echo amplitude; after tone, grey level (`f32`).
-pub static AMPLITUDE: Buffer = Buffer::new(130, "Amplitude", 4, planes);
+/// Per sample: echo amplitude; after tone, grey level (`f32`).
+pub static AMPLITUDE: Buffer = Buffer::new(130, "Amplitude", 4, beam);
 
 /// Second buffer of the pair that [`AMPLITUDE`] is swapped with (`f32`).
 pub(crate) static AMPLITUDE_NEXT: Buffer = Buffer::new(140, "AmplitudeNext", 4, beam);

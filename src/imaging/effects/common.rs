@@ -9,12 +9,6 @@ pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {
     [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| T::of(matrix[(row, column)])))
 }
 
-/// Elevational offset of a sub-plane in units of the distance between sub-planes: 0, 1, -1, 2, -2, ...
-pub(crate) fn plane_step(plane: usize) -> i32 {
-    let away = plane.div_ceil(2) as i32;
-    if plane % 2 == 1 { away } else { -away }
-}
-
 /// Distance between scanlines at the array and its growth per sample, in sample distances.
 pub fn spacing(tables: &Tables) -> [f64; 2] {
     let grid = &tables.grid;

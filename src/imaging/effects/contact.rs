@@ -20,7 +20,7 @@ use glam::Vec4;
 use nalgebra::Vector4;
 
 use super::buffers::{Buffer, POSITION, RAYS, columns};
-use super::common::{plane_step, rows};
+use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::{
     Effect, Parameters, Stage,
@@ -57,14 +57,14 @@ pub(crate) const EFFECT: Effect = Effect {
     ..Effect::PLAIN
 };
 
-/// Per scanline and sub-plane: gap between array and body, mm (`f32`).
-static GAPS: Buffer = Buffer::new(10, "Gaps", 4, |tables| tables.lines() * tables.planes()).per_frame(gaps);
+/// Per scanline: gap between array and body, mm (`f32`).
+static GAPS: Buffer = Buffer::new(10, "Gaps", 4, Tables::lines).per_frame(gaps);
 
 columns! {
     /// Vectors of the contact.
     pub struct Columns {
         /// Data of `GAPS`, and as much again to smooth them.
-        gaps: [f32; |tables| 2 * tables.lines() * tables.planes()] = 0.0, GAPS;
+        gaps: [f32; |tables| 2 * tables.lines()] = 0.0, GAPS;
     }
 }
 
@@ -74,7 +74,7 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(&RAYS, Read), (&GAPS, Read), (&POSITION, WriteOwn)],
     params,
-    grid: Grid::Planes,
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
     bound: bound!(Covered("by the bound of `geometry`")),
@@ -94,7 +94,7 @@ const HALVINGS: usize = 4;
 /// Number of scanlines on each side over which gaps are smoothed.
 const SMOOTHED: usize = 2;
 
-/// Gap on each scanline of each sub-plane, mm: 0 if the array touches the body, or no body is in reach.
+/// Gap on each scanline, mm: 0 if the array touches the body, or no body is in reach.
 pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     let reach = tables
         .settings
@@ -104,11 +104,10 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
         .map_or(0.0, |contact| contact.reach_mm);
     let lines = tables.lines();
     let to_index = tables.volume.world_to_index() * state.probe_to_world;
-    let gap = |index: usize| {
-        let [x, y, dx, dy] = tables.rays[index % lines];
-        let z = f64::from(plane_step(index / lines)) * tables.plane_mm();
+    let gap = |line: usize| {
+        let [x, y, dx, dy] = tables.rays[line];
         let (start, along) = (
-            to_index * Vector4::new(x, y, z, 1.0),
+            to_index * Vector4::new(x, y, 0.0, 1.0),
             to_index * Vector4::new(dx, dy, 0.0, 0.0),
         );
         let is_body = |s: f64| {
@@ -130,22 +129,20 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
         ends[1]
     };
     gaps.clear();
-    gaps.resize(2 * lines * tables.planes(), 0.0);
-    let (raw, smooth) = gaps.split_at_mut(lines * tables.planes());
+    gaps.resize(2 * lines, 0.0);
+    let (raw, smooth) = gaps.split_at_mut(lines);
     // Multiples of 1/64 mm: exact in single precision.
     raw.iter_mut()
         .enumerate()
-        .for_each(|(index, raw)| *raw = gap(index) as f32);
-    for (raw, smooth) in raw.chunks(lines).zip(smooth.chunks_mut(lines)) {
-        for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
-            let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
-            let touching = near.iter().filter(|gap| **gap >= 0.0);
-            let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(*gap), count + 1.0));
-            // Rounded once, for all backends.
-            *gap = (sum / count) as f32;
-        }
+        .for_each(|(line, raw)| *raw = gap(line) as f32);
+    for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
+        let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
+        let touching = near.iter().filter(|gap| **gap >= 0.0);
+        let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(*gap), count + 1.0));
+        // Rounded once, for all backends.
+        *gap = (sum / count) as f32;
     }
-    gaps.drain(..lines * tables.planes());
+    gaps.drain(..lines);
 }
 
 block! {

@@ -1,8 +1,7 @@
 //! Geometry: world position of each sample of each scanline, relative to the local origin,
 //! which is that of the world unless the volume lies far from it ([`crate::synth::LocalOrigin`]).
 //!
-//! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose. With the
-//! `thickness` effect the same rays are repeated on parallel sub-planes; sub-plane 0 is always the central one.
+//! Rays are computed once in double precision from the probe's shape; a frame only applies the probe's pose.
 
 #[cfg(any(test, feature = "analysis"))]
 pub(crate) mod bound;
@@ -12,7 +11,7 @@ mod parity;
 use glam::Vec4;
 
 use super::buffers::{POSITION, RAYS};
-use super::common::{plane_step, rows};
+use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::{
     Effect, Stage,
@@ -39,7 +38,7 @@ static PASSES: &[Pass] = &[Pass {
     entry: "main",
     bindings: &[(&RAYS, Read), (&POSITION, WriteOwn)],
     params,
-    grid: Grid::Planes,
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
     bound: bound!(By(bound::carry)),
@@ -54,14 +53,12 @@ block! {
     struct GeometryParams {
         /// First three rows of the probe-to-world transform.
         probe_to_world: [Vec4; 3],
-        /// Scanlines.
-        lines: u32,
         /// Samples along a scanline.
         samples: u32,
         /// Distance between samples, mm.
         sample_mm: f32,
-        /// Distance between sub-planes, mm.
-        plane_mm: f32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
     }
 }
 
@@ -69,36 +66,32 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     ParamBlock::of(&GeometryParams {
         probe_to_world: rows::<f32>(&view.state.probe_to_world).map(Vec4::from),
-        lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         sample_mm: tables.sample_mm() as f32,
-        plane_mm: tables.plane_mm() as f32,
+        unused: [0; 2],
     })
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
-    let (lines, samples) = (tables.lines(), tables.samples());
     let matrix = rows::<T>(&view.state.probe_to_world);
-    let (sample_mm, plane_mm) = (T::of(tables.sample_mm()), T::of(tables.plane_mm()));
-    for_each((0.., chunks_mut(&mut store.position, samples)), &|(
-        index,
+    let sample_mm = T::of(tables.sample_mm());
+    for_each((0.., chunks_mut(&mut store.position, tables.samples())), &|(
+        line,
         positions,
     )| {
-        let ray = tables.rays[index % lines].map(T::of);
-        let z = T::of(f64::from(plane_step(index / lines))) * plane_mm;
-        scanline(ray, z, sample_mm, &matrix, positions);
+        scanline(tables.rays[line].map(T::of), sample_mm, &matrix, positions);
     });
 }
 
 /// Positions of the samples of one scanline; the fourth component, the flag, is cleared.
 #[inline(always)]
-pub fn scanline<T: Real>(ray: [T; 4], z: T, sample_mm: T, matrix: &[[T; 4]; 3], positions: &mut [[T; 4]]) {
+pub fn scanline<T: Real>(ray: [T; 4], sample_mm: T, matrix: &[[T; 4]; 3], positions: &mut [[T; 4]]) {
     let half = T::of(0.5);
     for (i, position) in positions.iter_mut().enumerate() {
         let s = (T::from_signed(i as i32) + half) * sample_mm;
         let (x, y) = (ray[0] + ray[2] * s, ray[1] + ray[3] * s);
-        let [px, py, pz] = map(*matrix, |row| row[0] * x + row[1] * y + row[2] * z + row[3]);
+        let [px, py, pz] = map(*matrix, |row| row[0] * x + row[1] * y + row[3]);
         *position = [px, py, pz, T::zero()];
     }
 }

@@ -117,9 +117,7 @@ impl Use {
 /// where a workgroup shares a scanline, 256 of them by `local_invocation_index` and `workgroup_id`.
 #[derive(Clone, Copy)]
 pub enum Grid {
-    /// Samples (x) of the scanlines (y) of each sub-plane (z).
-    Planes,
-    /// Samples of the scanlines of the central plane.
+    /// Samples (x) of the scanlines (y).
     Samples,
     /// Scanlines (y), a workgroup each.
     Scanlines,
@@ -141,7 +139,6 @@ impl Grid {
         let groups = |count: usize| count.div_ceil(64) as u32;
         let (samples, lines) = (groups(tables.samples()), tables.lines() as u32);
         match self {
-            Self::Planes => [samples, lines, tables.planes() as u32],
             Self::Samples => [samples, lines, 1],
             Self::Scanlines => [1, lines, 1],
             Self::FineSamples(fine) => [samples, fine(tables) as u32, 1],

@@ -6,12 +6,14 @@
 //! probe grow as its wavelength does.
 
 mod beam;
+mod profile;
 mod shape;
 
 use std::f64::consts::{LN_2, PI};
 use std::sync::Arc;
 
 use beam::Beam;
+pub(crate) use profile::Profile;
 pub(crate) use shape::Shape;
 
 use super::shadow::Attenuation;
@@ -76,7 +78,7 @@ impl PointSpread {
             lateral_mm: speckle.lateral_mm.unwrap_or_else(|| beam.at(focus_mm).speckle_mm),
             elevational_mm: speckle
                 .elevational_mm
-                .unwrap_or_else(|| beam.at(transducer.lens_focus_mm).elevational_mm),
+                .unwrap_or_else(|| beam.elevation_at(transducer.lens_focus_mm).length_mm),
             is_elevational_stated: speckle.elevational_mm.is_some(),
             focus_mm,
             focal_zone_mm: is_stated.then(|| speckle.focal_zone_mm.unwrap_or_else(zone_mm)),
@@ -108,6 +110,15 @@ impl PointSpread {
                 let lengths = self.beam.at(depth_mm);
                 [lengths.point_mm, lengths.speckle_mm]
             }
+        }
+    }
+
+    /// Elevational profile at a depth: of a stated length that of a Gaussian beam.
+    pub(crate) fn elevation_at(&self, depth_mm: f64) -> Profile {
+        if self.is_elevational_stated {
+            Profile::gaussian(self.elevational_mm)
+        } else {
+            self.beam.elevation_at(depth_mm)
         }
     }
 
@@ -221,7 +232,7 @@ mod tests {
                 for (probe, lateral) in probes.iter().zip(lateral) {
                     close(probe.lateral_lengths(*depth_mm)[0], *lateral, 0.1);
                 }
-                close(hann.beam.at(*depth_mm).elevational_mm, *elevational, 0.16);
+                close(hann.elevation_at(*depth_mm).length_mm, *elevational, 0.16);
             }
             for [depth_mm, lateral @ ..] in speckle {
                 for (probe, lateral) in probes.iter().zip(lateral) {

@@ -143,7 +143,7 @@ static PASSES: &[Pass] = &[Pass {
         (&AMPLITUDE, WriteOwn),
     ],
     params,
-    grid: Grid::Planes,
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
     bound: bound!(By(bound::carry)),
@@ -162,14 +162,12 @@ block! {
         size: [u32; 3],
         /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
         boundary: u32,
-        /// Scanlines.
-        lines: u32,
         /// Samples along a scanline.
         samples: u32,
         /// 1 to continue the body beyond the volume.
         mirrored: u32,
         /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        unused: [u32; 2],
     }
 }
 
@@ -179,10 +177,9 @@ fn params(view: &View, _: Band) -> ParamBlock {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
         boundary: tables.settings.effects.slice.boundary as u32,
-        lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         mirrored: u32::from(tables.settings.effects.slice.beyond == Beyond::Continue),
-        unused: 0,
+        unused: [0; 2],
     })
 }
 
@@ -222,44 +219,14 @@ struct Scanline<'a, T> {
 impl<T: Real> Kernel for Scanline<'_, T> {
     type Output = ();
 
-    // Voxel indices of a block of samples in vector registers, then their labels one by one.
     #[inline(always)]
     fn run(self) {
-        let Self { reader, echo, .. } = self;
         let mut cell = Cell::default();
-        for start in (0..self.labels.len()).step_by(BLOCK) {
-            let end = self.labels.len().min(start + BLOCK);
-            let positions = &self.positions[start..end];
-            let labels = &mut self.labels[start..end];
-            let amplitudes = &mut self.amplitudes[start..end];
-            let mut shifted = [[T::zero(); BLOCK]; 3];
-            let mut base = [[0; BLOCK]; 3];
-            let mut is_inside = [true; BLOCK];
-            for axis in 0..3 {
-                let row = reader.world_to_index[axis];
-                let size = T::from_signed(reader.size[axis] as i32);
-                for (i, position) in positions.iter().enumerate() {
-                    let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
-                    let x = index + T::of(0.5);
-                    shifted[axis][i] = x;
-                    // Not of `index`: a single position is read from its shifted form alone, and both must
-                    // round alike.
-                    base[axis][i] = floor(x - T::of(0.5));
-                    is_inside[i] &= x >= T::zero() && x < size;
-                }
-            }
-            for (i, label) in labels.iter_mut().enumerate() {
-                let position = [shifted[0][i], shifted[1][i], shifted[2][i]];
-                *label = if positions[i][3] == T::one() {
-                    0
-                } else if is_inside[i] {
-                    reader.inside(position, [base[0][i], base[1][i], base[2][i]], &mut cell)
-                } else {
-                    reader.beyond(position, &mut cell)
-                };
-            }
+        let rows = self.positions.chunks(BLOCK).zip(self.labels.chunks_mut(BLOCK));
+        for ((positions, labels), amplitudes) in rows.zip(self.amplitudes.chunks_mut(BLOCK)) {
+            self.reader.read(positions, &mut cell, labels);
             for i in 0..labels.len() {
-                amplitudes[i] = echo[usize::from(labels[i])];
+                amplitudes[i] = self.echo[usize::from(labels[i])];
             }
         }
     }
@@ -272,13 +239,13 @@ fn floor<T: Real>(index: T) -> i32 {
 }
 
 /// Number of samples whose indices are computed together.
-const BLOCK: usize = 64;
+pub(crate) const BLOCK: usize = 64;
 
 /// Number of labels whose shares are summed together.
 const TOGETHER: usize = 4;
 
 /// Cache of the voxels around the last sample.
-struct Cell<T> {
+pub(crate) struct Cell<T> {
     base: [i32; 3],
     /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
     labels: [u8; 8],
@@ -328,6 +295,37 @@ impl<'a, T: Real> LabelReader<'a, T> {
             world_to_index: rows(tables.volume.world_to_index()),
             boundary: tables.settings.effects.slice.boundary,
             mirrored: tables.settings.effects.slice.beyond == Beyond::Continue,
+        }
+    }
+
+    /// Labels at up to [`BLOCK`] positions with their flags: voxel indices in vector registers, then labels one by one.
+    #[inline(always)]
+    pub(crate) fn read(&self, positions: &[[T; 4]], cell: &mut Cell<T>, labels: &mut [u8]) {
+        let mut shifted = [[T::zero(); BLOCK]; 3];
+        let mut base = [[0; BLOCK]; 3];
+        let mut is_inside = [true; BLOCK];
+        for axis in 0..3 {
+            let row = self.world_to_index[axis];
+            let size = T::from_signed(self.size[axis] as i32);
+            for (i, position) in positions.iter().enumerate() {
+                let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
+                let x = index + T::of(0.5);
+                shifted[axis][i] = x;
+                // Not of `index`: a single position is read from its shifted form alone, and both must
+                // round alike.
+                base[axis][i] = floor(x - T::of(0.5));
+                is_inside[i] &= x >= T::zero() && x < size;
+            }
+        }
+        for (i, label) in labels.iter_mut().enumerate() {
+            let position = [shifted[0][i], shifted[1][i], shifted[2][i]];
+            *label = if positions[i][3] == T::one() {
+                0
+            } else if is_inside[i] {
+                self.inside(position, [base[0][i], base[1][i], base[2][i]], cell)
+            } else {
+                self.beyond(position, cell)
+            };
         }
     }
 

@@ -125,7 +125,7 @@ static PASSES: &[Pass] = &[Pass {
         (&AMPLITUDE, WriteOwn),
     ],
     params,
-    grid: Grid::Planes,
+    grid: Grid::Samples,
     flips: false,
     cpu: reference!(run),
     bound: bound!(By(bound::carry)),

@@ -1,7 +1,9 @@
-//! Thickness: averaging of echoes over parallel sub-planes, for the elevational width of the beam.
+//! Thickness: the tissues that the beam meets beside the scan plane, as far as it is wide across the plane.
 //!
-//! The scatterers of different sub-planes are incoherent: power is averaged, with the weights of a Gaussian beam
-//! profile. Labels, shadows and speckle are those of the central plane.
+//! Labels are read on parallel sub-planes, nearer where the beam is narrow. Scatterers of different sub-planes are
+//! incoherent: power is averaged, weighted by the energy of the beam around each. Where a sub-plane has the label of the
+//! plane its echo is that of the plane, elsewhere that of its tissue without texture. By default the width of the beam
+//! follows from the elements and the lens of the probe at every depth. Shadows and speckle are those of the plane.
 //!
 //! ```toml
 //! effects.thickness = { width_mm = 2.0 }
@@ -14,63 +16,80 @@ mod parity;
 #[cfg(test)]
 mod physics;
 
+use std::f64::consts::SQRT_2;
+
 use glam::Vec4;
 
-use super::buffers::AMPLITUDE;
-use super::common::plane_step;
-use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
+use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, POSITION, VOXELS, bytes_of};
+use super::common::rows;
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
+use super::point_spread::{PointSpread, Profile};
+use super::shadow::Attenuation;
+use super::slice::{BLOCK, Beyond, Cell, LabelReader};
 use super::{
-    Effect, OutOfRange, Parameters, Stage,
+    Effect, EffectTables, OutOfRange, Parameters, Stage,
     Wanted::{self, No, Yes},
 };
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
-use insonify_base::parallel::{chunks_mut, for_each};
+use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
-use insonify_base::real::Real;
+use insonify_base::real::{Numbers, Real};
+use insonify_base::simd::{Kernel, map};
+use insonify_mesh::NO_ELEMENT;
+use insonify_mesh::element::Carry;
+use insonify_tracking::probe::BeamGrid;
 
 parameters! {
     /// Elevational thickness of the scan plane.
     pub struct Thickness {
-        /// Full width at half maximum of the beam's elevational power profile, mm.
-        width_mm: f64 = 3.0, in 0.1..=20;
+        /// Full width at half maximum of the beam's elevational power profile, mm. Default: by depth, that of the lens
+        /// of the probe.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        width_mm: Option<f64>, in 0.1..=20;
         /// Number of sub-planes, odd.
-        planes: u32 = 5, in 3..=9;
+        planes: u32 = 7, in 3..=9;
     }
 }
 
 impl Parameters for Thickness {
-    const USUAL: bool = false;
-
     fn check_others(&self) -> Result<(), OutOfRange> {
         let holds = self.planes % 2 == 1;
-        let expected = format!("an odd number from 3 to {MAX_PLANES}");
+        let expected = "an odd number from 3 to 9";
         check("planes", f64::from(self.planes), holds, expected)
     }
 }
 
+/// Distance of the outermost sub-plane from the plane, in lengths of the amplitude: at most the first, where the profile
+/// of a lens has its shoulder, and less for few of them, which would miss what is near.
+const OUTERMOST: [f64; 2] = [1.6, 0.55];
+
+/// Growth of the distances: nearer sub-planes, which weigh more, lie closer together.
+const GROWTH: f64 = 1.45;
+
 impl Thickness {
-    /// Distance between sub-planes, mm: together they span two widths, at whose ends the profile has fallen to
-    /// 1/16.
-    pub fn plane_mm(&self) -> f64 {
-        2.0 * self.width_mm / f64::from(self.planes - 1)
+    /// Number of sub-planes on either side.
+    fn on_side(&self) -> usize {
+        self.planes as usize / 2
     }
 
-    /// Power weights of the sub-planes, in the order of `plane_step`; they sum to 1.
-    pub fn weights(&self) -> impl Iterator<Item = f64> + use<> {
-        let (plane_mm, width_mm) = (self.plane_mm(), self.width_mm);
-        let planes = 0..self.planes as usize;
-        let raw = move |plane| {
-            let widths = f64::from(plane_step(plane)) * plane_mm / width_mm;
-            (-4.0 * std::f64::consts::LN_2 * widths * widths).exp()
+    /// Weight of the plane, then distance (mm) and weight of the sub-planes on either side, from the nearest on. The
+    /// weights of all add up to 1.
+    fn weighted(&self, profile: &Profile) -> Vec<f64> {
+        let count = self.on_side();
+        let outermost = OUTERMOST[0].min(OUTERMOST[1] * count as f64) * profile.length_mm;
+        let distance = |number: usize| outermost * (number as f64 / count as f64).powf(GROWTH);
+        // Of each the energy that is nearer to it than to others.
+        let up_to = |number: usize| match number {
+            _ if number == count => 1.0,
+            _ => profile.within(0.5 * (distance(number) + distance(number + 1))),
         };
-        let sum: f64 = planes.clone().map(raw).sum();
-        planes.map(move |plane| raw(plane) / sum)
+        let beside = (1..=count).flat_map(|number| [distance(number), 0.5 * (up_to(number) - up_to(number - 1))]);
+        [up_to(0)].into_iter().chain(beside).collect()
     }
 }
-
-/// Maximum number of sub-planes in the parameter block.
-const MAX_PLANES: usize = 9;
 
 /// Registry entry.
 pub(crate) const EFFECT: Effect = Effect {
@@ -78,85 +97,289 @@ pub(crate) const EFFECT: Effect = Effect {
     stage: Stage::Tissue,
     example: "effects.thickness = { width_mm = 2.0 }",
     wanted,
-    passes: |_| PASSES.iter().collect(),
+    passes: |tables| match tables.anatomy.mesh {
+        None => vec![&FLAT],
+        Some(_) => vec![&WARPED],
+    },
+    buffers: &[&SUB_PLANES],
     remove: Some(|_, settings| settings.effects.thickness = None),
     ..Effect::PLAIN
 };
 
-static PASSES: &[Pass] = &[Pass {
-    name: "thickness",
-    shader: include_str!("../../../shaders/thickness.wgsl"),
-    entry: "main",
-    bindings: &[(&AMPLITUDE, WriteOwn)],
-    params,
-    grid: Grid::Samples,
-    flips: false,
-    cpu: reference!(run),
-    bound: bound!(By(bound::carry)),
-}];
+/// Sub-planes of a thickness; empty without one.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Rows over the sample depths: weight of the plane, then distance (mm) and weight of each sub-plane on either side.
+    pub rows: Numbers,
+    /// Number of sub-planes on either side.
+    pub on_side: usize,
+    /// Width of the beam's power profile at the array, the least, and at the lowest depth, mm.
+    pub widths_mm: [f64; 3],
+    /// Mean echo of each label.
+    pub echoes: Numbers,
+}
+
+/// Settings on which the sub-planes depend.
+pub(crate) type Key<'a> = (
+    Option<&'a Thickness>,
+    Option<PointSpread>,
+    &'a TissueTable,
+    &'a BeamGrid,
+);
+
+/// Takes parameters, tissues, grid and, if the width is not stated, the point spread.
+pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+    let thickness = settings.effects.thickness.as_ref();
+    let spread = thickness.filter(|thickness| thickness.width_mm.is_none()).map(|_| {
+        let speckle = settings.effects.speckle.clone().unwrap_or_default();
+        PointSpread::new(&speckle, &settings.probe, Attenuation::of(tissues, settings))
+    });
+    (thickness, spread, tissues, grid)
+}
+
+/// Places the sub-planes.
+pub(crate) fn derive(anatomy: &Anatomy, (thickness, spread, tissues, grid): &Key) -> Result<Derived, SynthError> {
+    let Some(thickness) = thickness else {
+        return Ok(Derived::default());
+    };
+    let profile = |sample: usize| match (thickness.width_mm, spread) {
+        (None, Some(spread)) => spread.elevation_at(grid.sample_depth_mm(sample)),
+        (width_mm, _) => Profile::gaussian(SQRT_2 * width_mm.unwrap_or_default()),
+    };
+    let samples = grid.samples();
+    let on_side = thickness.on_side();
+    let mut rows = vec![0.0; (1 + 2 * on_side) * samples];
+    let mut widths_mm = Vec::with_capacity(samples);
+    for sample in 0..samples {
+        let profile = profile(sample);
+        widths_mm.push(profile.length_mm / SQRT_2);
+        for (row, number) in thickness.weighted(&profile).into_iter().enumerate() {
+            rows[row * samples + sample] = number;
+        }
+    }
+    let least = widths_mm.iter().copied().fold(f64::INFINITY, f64::min);
+    let echo = |label: usize| 10f64.powf(tissues.tissue(label as u8).echogenicity_db / 20.0);
+    Ok(Derived {
+        rows: Numbers::new(rows),
+        on_side,
+        widths_mm: [widths_mm[0], least, widths_mm[samples - 1]],
+        echoes: Numbers::new((0..anatomy.volume.labels().len()).map(echo).collect()),
+    })
+}
+
+/// Data of [`Derived::rows`], then of [`Derived::echoes`] (`f32`).
+static SUB_PLANES: Buffer = Buffer::new(125, "SubPlanes", 4, |tables| sub_planes(&tables.effects).len())
+    .derived(|_, derived| bytes_of(&sub_planes(derived)));
+
+fn sub_planes(derived: &EffectTables) -> Vec<f32> {
+    let Derived { rows, echoes, .. } = &derived.thickness;
+    [rows.of::<f32>(), echoes.of()].concat()
+}
+
+const FLAT: Pass = pass(
+    "main",
+    const {
+        &[
+            (&POSITION, ReadOwn),
+            (&VOXELS, Read),
+            (&LABEL, ReadOwn),
+            (&SUB_PLANES, Read),
+            (&AMPLITUDE, WriteOwn),
+        ]
+    },
+);
+
+/// The pass for a deforming mesh, with which the sub-planes bend.
+const WARPED: Pass = pass(
+    "warped",
+    const {
+        &[
+            (&POSITION, ReadOwn),
+            (&VOXELS, Read),
+            (&LABEL, ReadOwn),
+            (&SUB_PLANES, Read),
+            (&AMPLITUDE, WriteOwn),
+            (&ELEMENT, ReadOwn),
+            (&ELEMENT_MAPS, Read),
+        ]
+    },
+);
+
+const fn pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+    Pass {
+        name: "thickness",
+        shader: include_str!("../../../shaders/thickness.wgsl"),
+        entry,
+        bindings,
+        params,
+        grid: Grid::Samples,
+        flips: false,
+        cpu: reference!(run),
+        bound: bound!(By(bound::carry)),
+    }
+}
 
 fn wanted(tables: &Tables) -> Wanted {
-    match &tables.settings.effects.thickness {
-        Some(thickness) => Yes(format!(
-            "the scan plane is {} mm thick: {} sub-planes",
-            thickness.width_mm, thickness.planes
-        )),
-        None => No("the scene names no elevational thickness".into()),
-    }
+    let Some(thickness) = &tables.settings.effects.thickness else {
+        return No("the scene names no elevational thickness".into());
+    };
+    let [at_array, least, lowest] = tables.effects.thickness.widths_mm;
+    let width = match thickness.width_mm {
+        Some(width_mm) => format!("{width_mm} mm"),
+        None => format!(
+            "{at_array:.1} mm at the array, {least:.1} at the focus of the lens and {lowest:.1} at the lowest depth"
+        ),
+    };
+    Yes(format!(
+        "the scan plane is {width} thick: {} sub-planes",
+        thickness.planes
+    ))
 }
 
 block! {
     /// Parameter block of `thickness.wgsl`.
     struct ThicknessParams {
-        /// Weights of the sub-planes, four to a vector.
-        weights: [Vec4; 3],
-        /// Samples in a plane.
-        count: u32,
-        /// Sub-planes.
-        planes: u32,
+        /// First three rows of the world-to-index transform.
+        world_to_index: [Vec4; 3],
+        /// Out-of-plane direction in the world; the fourth component is unused.
+        elevation: Vec4,
+        /// Voxels along each axis.
+        size: [u32; 3],
+        /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
+        boundary: u32,
+        /// 1 to continue the body beyond the volume.
+        mirrored: u32,
         /// Samples along a scanline.
         samples: u32,
-        /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        /// Sub-planes on either side.
+        on_side: u32,
+        /// Offset of the world-to-reference maps of the deformed elements, in vec4.
+        carries_at: u32,
     }
-}
-
-fn weights<T: Real>(tables: &Tables) -> [T; 12] {
-    let mut padded = [T::zero(); 12];
-    if let Some(thickness) = &tables.settings.effects.thickness {
-        for (slot, weight) in padded.iter_mut().zip(thickness.weights()) {
-            *slot = T::of(weight);
-        }
-    }
-    padded
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
-    let w = weights::<f32>(tables);
+    let slice = &tables.settings.effects.slice;
+    let [x, y, z] = elevation::<f32>(view);
     ParamBlock::of(&ThicknessParams {
-        weights: [0, 4, 8].map(|first| Vec4::new(w[first], w[first + 1], w[first + 2], w[first + 3])),
-        count: (tables.lines() * tables.samples()) as u32,
-        planes: tables.planes() as u32,
+        world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
+        elevation: Vec4::new(x, y, z, 0.0),
+        size: tables.volume.size().map(|n| n as u32),
+        boundary: slice.boundary as u32,
+        mirrored: u32::from(slice.beyond == Beyond::Continue),
         samples: tables.samples() as u32,
-        unused: 0,
+        on_side: tables.effects.thickness.on_side as u32,
+        carries_at: view.slab.map_or(0, |slab| slab.maps_at[2]),
     })
+}
+
+fn elevation<T: Real>(view: &View) -> [T; 3] {
+    [0, 1, 2].map(|axis| T::of(view.state.probe_to_world[(axis, 2)]))
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
-    let weights = weights::<T>(tables);
-    let (centre, others) = store.amplitude.split_at_mut(tables.lines() * samples);
-    let stride = centre.len();
-    for_each((0.., chunks_mut(centre, samples)), &|(line, amplitudes)| {
-        for (i, amplitude) in amplitudes.iter_mut().enumerate() {
-            let mut power = weights[0] * *amplitude * *amplitude;
-            for plane in 1..tables.planes() {
-                let other = others[(plane - 1) * stride + line * samples + i];
-                power += weights[plane] * other * other;
+    let planes = &tables.effects.thickness;
+    let mut echo = [T::zero(); 256];
+    echo.iter_mut()
+        .zip(planes.echoes.of::<T>())
+        .for_each(|(echo, of_label)| *echo = *of_label);
+    let reader = LabelReader::<T>::new(tables);
+    let elevation = elevation(view);
+    let deformed = store
+        .slab
+        .as_ref()
+        .map(|slab| (&slab.deformed.carries[..], &store.element[..]));
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.amplitude, samples),
+            chunks(&store.position, samples),
+            chunks(&store.label, samples),
+        ),
+        &|(line, amplitudes, positions, labels)| {
+            T::vectorised(Scanline {
+                reader: &reader,
+                echo: &echo,
+                planes,
+                elevation,
+                deformed: deformed.map(|(carries, elements)| (carries, &elements[line * samples..][..samples])),
+                positions,
+                labels,
+                amplitudes,
+            });
+        },
+    );
+}
+
+/// A scanline and its neighbours on the sub-planes.
+struct Scanline<'a, T> {
+    reader: &'a LabelReader<'a, T>,
+    echo: &'a [T; 256],
+    planes: &'a Derived,
+    /// Out-of-plane direction in the world.
+    elevation: [T; 3],
+    /// Maps of the deformed elements to the reference state, and the slot of each sample.
+    deformed: Option<(&'a [Carry<T>], &'a [u32])>,
+    positions: &'a [[T; 4]],
+    labels: &'a [u8],
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let samples = self.labels.len();
+        let rows = self.planes.rows.of::<T>();
+        let mut cell = Cell::default();
+        let blocks = self.positions.chunks(BLOCK).zip(self.labels.chunks(BLOCK));
+        for (block, ((positions, labels), amplitudes)) in blocks.zip(self.amplitudes.chunks_mut(BLOCK)).enumerate() {
+            let start = block * BLOCK;
+            let row = |row: usize| &rows[row * samples + start..][..labels.len()];
+            let mut away = [self.elevation; BLOCK];
+            if let Some((carries, elements)) = self.deformed {
+                let [x, y, z] = self.elevation;
+                for (away, slot) in away.iter_mut().zip(&elements[start..]) {
+                    if *slot != NO_ELEMENT {
+                        *away = map(carries[*slot as usize], |row| row[0] * x + row[1] * y + row[2] * z);
+                    }
+                }
             }
-            *amplitude = power.sqrt();
+            let mut power = [T::zero(); BLOCK];
+            for (i, weight) in row(0).iter().enumerate() {
+                power[i] = *weight * amplitudes[i] * amplitudes[i];
+            }
+            for number in 0..2 * self.planes.on_side {
+                let pair = 1 + number / 2 * 2;
+                let (distances, weights) = (row(pair), row(pair + 1));
+                let side = if number % 2 == 0 { T::one() } else { -T::one() };
+                let mut beside = [[T::zero(); 4]; BLOCK];
+                for (i, position) in positions.iter().enumerate() {
+                    let distance = side * distances[i];
+                    let [x, y, z] = away[i];
+                    beside[i] = [
+                        position[0] + distance * x,
+                        position[1] + distance * y,
+                        position[2] + distance * z,
+                        position[3],
+                    ];
+                }
+                let mut others = [0; BLOCK];
+                self.reader
+                    .read(&beside[..labels.len()], &mut cell, &mut others[..labels.len()]);
+                for (i, weight) in weights.iter().enumerate() {
+                    let other = self.echo[usize::from(others[i])];
+                    let amplitude = if others[i] == labels[i] { amplitudes[i] } else { other };
+                    power[i] += *weight * amplitude * amplitude;
+                }
+            }
+            for (amplitude, power) in amplitudes.iter_mut().zip(power) {
+                *amplitude = power.sqrt();
+            }
         }
-    });
+    }
 }

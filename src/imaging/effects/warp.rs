@@ -87,7 +87,7 @@ static PASSES: &[Pass] = &[
             (&ELEMENT, WriteOwn),
         ],
         params,
-        grid: Grid::Planes,
+        grid: Grid::Samples,
         flips: false,
         cpu: reference!(map),
         bound: bound!(By(bound::carry)),
@@ -108,12 +108,12 @@ fn wanted(tables: &Tables) -> Wanted {
 block! {
     /// Parameter block of `warp.wgsl`.
     struct WarpParams {
-        /// Number of scanlines of one plane.
+        /// Number of scanlines.
         lines: u32,
         /// Number of samples along a scanline.
         samples: u32,
-        /// Number of planes across the elevation (1 unless the slice has a thickness).
-        planes: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
         /// Number of elements of the deformed state in the slab.
         deformed: u32,
         /// Number of elements of the reference state in the slab.
@@ -134,7 +134,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     ParamBlock::of(&WarpParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        planes: tables.planes() as u32,
+        unused: 0,
         deformed: count(|slab| slab.deformed.elements.len()),
         reference: count(|slab| slab.reference.elements.len()),
         reference_at,
@@ -152,15 +152,15 @@ fn sort<T: Real>(view: &View, store: &mut Store<T>) {
 
 /// Finds the element of each sample, and moves those in the mesh to the reference state.
 fn map<T: Real>(view: &View, store: &mut Store<T>) {
-    let (lines, samples) = (view.tables.lines(), view.tables.samples());
+    let samples = view.tables.samples();
     let Some(slab) = &store.slab else { return };
     let scanlines = (
         0..,
         chunks_mut(&mut store.position, samples),
         chunks_mut(&mut store.element, samples),
     );
-    for_each(scanlines, &|(row, positions, elements)| {
-        rasterise(slab, row % lines, positions, elements);
+    for_each(scanlines, &|(line, positions, elements)| {
+        rasterise(slab, line, positions, elements);
         carry(slab, positions, elements);
     });
 }

@@ -1,6 +1,5 @@
 //! Error bounds of a twin against the reference, propagated from pass to pass.
 
-use super::Case;
 use crate::synth::FrameState;
 use crate::synth::layers::Beam;
 use crate::synth::tables::Tables;
@@ -44,7 +43,6 @@ impl Slack {
 /// One pass of a case: the reference before and after it, and the twin after it. State and beams are relative to the
 /// local origin.
 pub(crate) struct Step<'a> {
-    pub case: &'a Case,
     pub tables: &'a Tables,
     pub state: &'a FrameState,
     pub before: &'a Beam,
@@ -52,9 +50,6 @@ pub(crate) struct Step<'a> {
     pub twin: &'a Beam,
     /// Whether sums and products of the twin are rounded to nearest.
     pub to_nearest: bool,
-    /// Elevation of a sub-plane, mm, whose twin cannot be read: the reference stands in for it. `None` in the central
-    /// plane.
-    pub sub_plane_mm: Option<f64>,
 }
 
 impl Step<'_> {

@@ -1,8 +1,7 @@
-//! Elements of a deforming mesh in the slab of a frame: those in which a sample of any scanline of any sub-plane can
-//! lie.
+//! Elements of a deforming mesh in the slab of a frame: those in which a sample of any scanline can lie.
 //!
-//! Only these are prepared. Nothing is carried over from one frame to the next but the
-//! positions of nodes that a frame leaves out.
+//! Only these are prepared. Nothing is carried over from one frame to the next but the positions of nodes that a frame
+//! leaves out.
 
 mod view;
 
@@ -319,7 +318,7 @@ impl<T: Real> Slab<T> {
         }
     }
 
-    /// Cuts again at the next frame: the probe or the sub-planes have changed.
+    /// Cuts again at the next frame: the probe has changed.
     pub fn invalidate(&mut self) {
         self.pose = None;
     }

@@ -6,7 +6,6 @@ use super::tables::Tables;
 use crate::effects::EffectColumns;
 use crate::effects::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, ELEMENT, IMAGE, LABEL, LOSS, NEEDLE_MASK, PIXELS, POSITION, SPECULAR, beam,
-    planes,
 };
 use crate::plan::Plan;
 use insonify_base::real::Real;
@@ -44,14 +43,14 @@ impl<T: Real> Store<T> {
     /// Allocates memory for every buffer of the plan and frees that of the others. Vectors of the right size are
     /// kept.
     pub fn fit(&mut self, plan: &Plan, tables: &Tables) {
-        let (beam, all) = (beam(tables), planes(tables));
+        let beam = beam(tables);
         let pixels = tables.width() * tables.height();
         let count = |buffer: &Buffer, n: usize| if plan.uses(buffer) { n } else { 0 };
-        resize(&mut self.position, count(&POSITION, all), [T::zero(); 4]);
-        resize(&mut self.element, count(&ELEMENT, all), u32::MAX);
-        resize(&mut self.label, count(&LABEL, all), 0);
-        resize(&mut self.amplitude, count(&AMPLITUDE, all), T::zero());
-        resize(&mut self.amplitude_next, count(&AMPLITUDE_NEXT, all), T::zero());
+        resize(&mut self.position, count(&POSITION, beam), [T::zero(); 4]);
+        resize(&mut self.element, count(&ELEMENT, beam), u32::MAX);
+        resize(&mut self.label, count(&LABEL, beam), 0);
+        resize(&mut self.amplitude, count(&AMPLITUDE, beam), T::zero());
+        resize(&mut self.amplitude_next, count(&AMPLITUDE_NEXT, beam), T::zero());
         resize(&mut self.specular, count(&SPECULAR, beam), [T::zero(); 2]);
         resize(&mut self.needle_mask, count(&NEEDLE_MASK, beam), [T::zero(); 2]);
         resize(&mut self.loss, count(&LOSS, beam), 0);

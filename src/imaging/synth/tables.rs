@@ -92,12 +92,6 @@ impl Settings {
     pub fn image_grid(&self) -> Result<ImageGrid, SynthError> {
         image_grid(&BeamGrid::new(&self.probe)?, &self.image)
     }
-
-    /// Number of elevational sub-planes.
-    fn planes(&self) -> usize {
-        let thickness = &self.effects.thickness;
-        thickness.as_ref().map_or(1, |thickness| thickness.planes as usize)
-    }
 }
 
 /// Settings of a single frame, and its tissues.
@@ -269,20 +263,6 @@ impl Tables {
         self.grid.sample_spacing_mm()
     }
 
-    /// Number of elevational sub-planes.
-    pub fn planes(&self) -> usize {
-        self.settings.planes()
-    }
-
-    /// Distance between sub-planes, mm.
-    pub fn plane_mm(&self) -> f64 {
-        self.settings
-            .effects
-            .thickness
-            .as_ref()
-            .map_or(0.0, |thickness| thickness.plane_mm())
-    }
-
     /// Number of pixels in a row.
     pub fn width(&self) -> usize {
         self.image_grid.width()
@@ -332,7 +312,7 @@ fn frame_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
         .iter()
         .map(|effect| (effect.extra_bytes)(settings, samples))
         .sum();
-    14 * (settings.image.width * settings.image.height) as u64 + 21 * samples * settings.planes() as u64 + effects
+    14 * (settings.image.width * settings.image.height) as u64 + 21 * samples + effects
 }
 
 fn check_tissues(tissues: &TissueTable, anatomy: &Anatomy) -> Result<(), TissueError> {

@@ -6,11 +6,12 @@ use super::resolve::Scenario;
 use crate::run::material_points::MaterialPoints;
 use insonify_anatomy::volume::distance::Grid;
 use insonify_imaging::effects::shadow::Shadow;
-use insonify_imaging::effects::thickness::Thickness;
 use insonify_mechanics::insertion::{EventKind, Interaction, Model, NodeSolver, Outcome, Tissue};
 use insonify_tracking::probe::BeamGrid;
 
 /// Two-way loss above which a target counts as hidden, dB: the dynamic range of an image (60 dB) and the loss in
+/// Thickness of the slice if the scene states none, mm.
+const THICKNESS_MM: f64 = 3.0;
 /// average soft tissue (0.5 dB/cm/MHz) down to 100 mm at 4 MHz, which the gain for depth restores (40 dB).
 const HIDDEN_DB: f64 = 100.0;
 /// Distance between samples of a ray, mm.
@@ -57,16 +58,12 @@ impl<'a> Guide<'a> {
     /// Starts the guidance of a run of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
         let settings = &scenario.scene.settings;
-        let thickness = settings
-            .effects
-            .thickness
-            .as_ref()
-            .map_or(Thickness::default().width_mm, |thickness| thickness.width_mm);
+        let stated = settings.effects.thickness.as_ref().and_then(|thickness| thickness.width_mm);
         let target = scenario.targets.first();
         Self {
             scenario,
             length_mm: scenario.needle.length_mm,
-            reach_mm: thickness / 2.0 + target.map_or(0.0, |target| target.radius_mm),
+            reach_mm: stated.unwrap_or(THICKNESS_MM) / 2.0 + target.map_or(0.0, |target| target.radius_mm),
             grid: BeamGrid::new(&settings.probe).ok(),
             critical: Critical::around(scenario, &scenario.planned_points()),
             carried: MaterialPoints::default(),

@@ -15,22 +15,22 @@ const PRESSED: f64 = 13.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     slack.position = (0..step.lines() * step.samples())
-        .map(|index| position(step, index, step.sub_plane_mm.unwrap_or(0.0)))
+        .map(|index| position(step, index))
         .collect();
     slack.torn = vec![false; slack.position.len()];
     // The following passes overwrite the remains of the last frame; nothing is compared before they do.
     slack.amplitude = vec![0.0; slack.position.len()];
 }
 
-/// Bounds the world position of a sample of the plane at elevation `z` mm.
-pub(crate) fn position(step: &Step, index: usize, z: f64) -> [f64; 3] {
+/// Bounds the world position of a sample.
+pub(crate) fn position(step: &Step, index: usize) -> [f64; 3] {
     let (line, sample) = step.place(index);
     let [ox, oy, dx, dy] = step.tables.rays[line].map(f64::abs);
     let along = step.tables.grid.sample_depth_mm(sample);
     let matrix = &step.state.probe_to_world;
     std::array::from_fn(|row| {
         let m = |column: usize| matrix[(row, column)].abs();
-        let terms = m(0) * (ox + dx * along) + m(1) * (oy + dy * along) + m(2) * z.abs() + m(3);
+        let terms = m(0) * (ox + dx * along) + m(1) * (oy + dy * along) + m(3);
         let reach = step
             .tables
             .settings

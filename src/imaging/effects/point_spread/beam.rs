@@ -9,10 +9,12 @@ use std::collections::VecDeque;
 use std::f64::consts::{LN_2, PI, TAU};
 use std::sync::{Arc, Mutex, PoisonError};
 
+use nalgebra::Complex;
+
+use super::profile::Profile;
 use crate::effects::shadow::Attenuation;
 use insonify_base::parallel;
 use insonify_tracking::probe::{Apodisation, Transducer};
-use nalgebra::Complex;
 
 /// Depths at which the beam is computed, and points to one side of its axis at each.
 const DEPTHS: usize = 24;
@@ -51,6 +53,7 @@ pub(super) struct Beam {
 #[derive(Debug, PartialEq)]
 struct Section {
     lengths: Lengths,
+    elevation: Profile,
     /// Envelope of the side lobes, relative to the peak, from the first of [`LOBES`] on.
     lobes: Vec<f64>,
 }
@@ -62,8 +65,6 @@ pub(super) struct Lengths {
     pub point_mm: f64,
     /// Correlation of the intensity of speckle, across the scanlines.
     pub speckle_mm: f64,
-    /// Amplitude around a point, across the plane.
-    pub elevational_mm: f64,
 }
 
 impl Beam {
@@ -101,8 +102,14 @@ impl Beam {
         Lengths {
             point_mm: between(a.point_mm, b.point_mm),
             speckle_mm: between(a.speckle_mm, b.speckle_mm),
-            elevational_mm: between(a.elevational_mm, b.elevational_mm),
         }
+    }
+
+    /// Elevational profile at a depth.
+    pub(super) fn elevation_at(&self, depth_mm: f64) -> Profile {
+        let (before, share) = self.before(depth_mm);
+        let [a, b] = [before, before + 1].map(|depth| &self.sections[depth].elevation);
+        a.towards(b, share)
     }
 
     /// Envelope of the side lobes at a depth and a distance from the axis, relative to the peak.
@@ -140,7 +147,6 @@ impl Section {
         let length_mm = (depth_mm / receive_f_number).clamp(element_mm, aperture_mm);
         let step_mm = wavelength_mm * (3.0 * depth_mm / length_mm + 1.0) / (ASIDE - 1) as f64;
         let fields: Vec<Field> = (0..ASIDE).map(|aside| two_way.field(aside as f64 * step_mm)).collect();
-        let within = |length_mm: f64| length_mm.clamp(0.05, 20.0);
         let point_mm = within(point_width(&fields, step_mm));
         let peak = energy(&fields[0]);
         let [from, step, to] = LOBES.map(|lengths| lengths * point_mm);
@@ -158,8 +164,8 @@ impl Section {
             lengths: Lengths {
                 point_mm,
                 speckle_mm: within(IN_SIMULATION * speckle_width(&fields, step_mm)),
-                elevational_mm: within(elevational_mm(transducer, depth_mm)),
             },
+            elevation: elevation(transducer, depth_mm),
             lobes,
         }
     }
@@ -179,6 +185,11 @@ impl Section {
             count => self.lengths.point_mm * (LOBES[0] + LOBES[1] * count as f64),
         }
     }
+}
+
+/// A length within what kernels show, mm.
+fn within(length_mm: f64) -> f64 {
+    length_mm.clamp(0.05, 20.0)
 }
 
 /// Waves to and from points at a depth.
@@ -229,8 +240,8 @@ impl TwoWay {
     }
 }
 
-/// Length across the plane at a depth, mm.
-fn elevational_mm(transducer: &Transducer, depth_mm: f64) -> f64 {
+/// Beam across the plane at a depth.
+fn elevation(transducer: &Transducer, depth_mm: f64) -> Profile {
     let (height_mm, focus_mm) = (transducer.height_mm, transducer.lens_focus_mm);
     let strip = Transducer {
         element_mm: POINT_WAVELENGTHS * transducer.wavelength_mm,
@@ -239,11 +250,13 @@ fn elevational_mm(transducer: &Transducer, depth_mm: f64) -> f64 {
     let points = Points::new(&strip, None, height_mm, height_mm, focus_mm, Apodisation::None);
     let widest_mm = 0.75 * height_mm + 1.5 * transducer.wavelength_mm * depth_mm / height_mm;
     let step_mm = widest_mm / (ASIDE - 1) as f64;
-    let fields = (0..ASIDE).map(|aside| {
-        let field = points.field([aside as f64 * step_mm, depth_mm], depth_mm);
+    let two_way = |aside_mm: f64| {
+        let field = points.field([aside_mm, depth_mm], depth_mm);
         product(field, field)
-    });
-    point_width(&fields.collect::<Vec<_>>(), step_mm)
+    };
+    let fields: Vec<Field> = (0..ASIDE).map(|aside| two_way(aside as f64 * step_mm)).collect();
+    let length_mm = within(point_width(&fields, step_mm));
+    Profile::new(length_mm, |lengths| energy(&two_way(lengths * length_mm)))
 }
 
 /// A wave at a point, at each frequency of the pulse.

@@ -47,7 +47,7 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
         for sample in 0..samples {
             let (a, b) = (line * samples + sample, next * samples + sample);
             let (pa, pb) = (step.before.position[a], step.before.position[b]);
-            let carried = warp::vector_slack(step, nearest * samples + sample, outermost);
+            let (_, carried) = warp::carried(step, nearest * samples + sample, outermost);
             let steps: f64 = (0..3)
                 .map(|axis| {
                     let torn = if slack.torn[a] || slack.torn[b] {

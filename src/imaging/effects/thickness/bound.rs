@@ -1,114 +1,74 @@
-//! Error bounds of slice thickness: a power average over sub-planes. Only the central sub-plane is read back; the
-//! others are treated as central planes of probes moved in elevation, where every label possible within rounding is
-//! taken into account.
+//! Error bounds of slice thickness: a power average over sub-planes, on which every label possible within rounding
+//! counts.
 
-use crate::effects::common::plane_step;
+use super::elevation;
+use crate::effects::pass::View;
 use crate::effects::slice::bound::possible_labels;
-use crate::effects::{REGISTRY, Stage};
-use nalgebra::{Matrix4, Vector3};
-
+use crate::effects::warp::bound as warp;
 use crate::parity::rounding::{ROOT, ULP};
-use crate::parity::{Bound, Slack, Step, Trail};
-use crate::synth::SynthError;
-use crate::synth::layers::Beam;
-use crate::synth::tables::Tables;
+use crate::parity::{Slack, Step};
+use nalgebra::Vector3;
 
-/// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9). The root
-/// halves it.
-const SUM: f64 = 11.5;
+/// Rounding error of the sum of powers, in ULP of it: weight stored (1/2), two products (2), nine sums (9), and where
+/// all labels agree the sum of the stored weights (1/2). The root halves it.
+const SUM: f64 = 12.0;
+
+/// Rounding error of a position beside the plane, in ULP of its size: distance and direction stored (1), product (1),
+/// sum (1).
+const BESIDE: f64 = 3.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
-    let Some(thickness) = &step.tables.settings.effects.thickness else {
-        return slack.fault("a thickness pass without thickness");
+    let tables = step.tables;
+    let (planes, samples) = (&tables.effects.thickness, step.samples());
+    let (rows, echoes) = (planes.rows.of::<f64>(), planes.echoes.of::<f64>());
+    let view = View {
+        tables,
+        state: step.state,
+        slab: None,
     };
-    let mut squares = vec![0.0; slack.amplitude.len()];
-    for (plane, weight) in thickness.weights().enumerate() {
-        let offs = match plane {
-            0 => std::mem::take(&mut slack.amplitude),
-            _ => match plane_slack(step, f64::from(plane_step(plane)) * thickness.plane_mm(), slack) {
-                Ok(offs) => offs,
-                Err(error) => return slack.fault(error.to_string()),
-            },
+    let elevation = Vector3::from(elevation::<f64>(&view));
+    let loudest = echoes.iter().fold(0.0f64, |loudest, echo| loudest.max(*echo));
+    for index in 0..step.after.label.len() {
+        let sample = index % samples;
+        let row = |row: usize| rows[row * samples + sample];
+        let (before, off) = (step.before.amplitude[index].abs(), slack.amplitude[index]);
+        let range = [(before - off).max(0.0), before + off];
+        // Least and greatest power of a sub-plane.
+        let beside = |away: Vector3<f64>| -> [f64; 2] {
+            if slack.torn[index] {
+                return [0.0, loudest.max(range[1]).powi(2)];
+            }
+            let (carried, carried_off) = warp::carried(step, index, away);
+            let position = step.after.position[index];
+            let mut place = position;
+            let mut place_off = slack.position[index];
+            for axis in 0..3 {
+                place[axis] += carried[axis];
+                place_off[axis] += carried_off[axis] + BESIDE * ULP * (position[axis].abs() + carried[axis].abs());
+            }
+            let possible = possible_labels(tables, place, place_off);
+            let amplitudes = possible.iter().flat_map(|label| {
+                [step.after, step.twin].into_iter().flat_map(move |beam| {
+                    let echo = echoes[usize::from(*label)];
+                    if *label == beam.label[index] { range } else { [echo; 2] }
+                })
+            });
+            let (least, greatest) = amplitudes.fold((f64::INFINITY, 0.0f64), |(least, greatest), amplitude| {
+                (least.min(amplitude), greatest.max(amplitude))
+            });
+            [least, greatest].map(|amplitude| amplitude * amplitude)
         };
-        for (square, off) in squares.iter_mut().zip(offs) {
-            *square += weight * off * off;
+        let mut power = range.map(|amplitude| row(0) * amplitude * amplitude);
+        for number in 0..2 * planes.on_side {
+            let pair = 1 + number / 2 * 2;
+            let side = if number % 2 == 0 { 1.0 } else { -1.0 };
+            let [least, greatest] = beside(side * row(pair) * elevation);
+            power[0] += row(pair + 1) * least;
+            power[1] += row(pair + 1) * greatest;
         }
+        let [least, greatest] = power.map(f64::sqrt);
+        let exact = step.after.amplitude[index];
+        let rounding = (0.5 * SUM * ULP + ROOT) * greatest;
+        slack.amplitude[index] = (greatest - exact).max(exact - least).max(0.0) + rounding;
     }
-    // The root of a weighted sum of squares is a norm: its change is at most the norm of the changes of its terms.
-    let rounding = 0.5 * SUM * ULP + ROOT;
-    slack.amplitude = squares
-        .iter()
-        .zip(&step.after.amplitude)
-        .map(|(square, amplitude)| square.sqrt() + amplitude * rounding)
-        .collect();
-}
-
-/// Bounds the amplitudes of the sub-plane at elevation `z` mm before averaging.
-fn plane_slack(step: &Step, z: f64, outer: &mut Slack) -> Result<Vec<f64>, SynthError> {
-    let mut case = step.case.clone();
-    case.settings.effects.thickness = None;
-    case.state.probe_to_world *= Matrix4::new_translation(&Vector3::new(0.0, 0.0, z));
-    let mut exact = case.exact()?;
-    let mut trail = Trail::of(&mut exact, &case.state)?;
-    let tissue = exact
-        .plan()
-        .passes
-        .iter()
-        .take_while(|planned| is_tissue(planned.effect));
-    let last = tissue.count() - 1;
-    let mut slack = Slack::default();
-    let empty = Beam::default();
-    for index in 0..=last {
-        // The reference stands in for the twin, whose labels cannot be read: where rounding could change a label,
-        // `doubt` below counts every possible outcome.
-        let step = Step {
-            case: step.case,
-            tables: exact.tables(),
-            state: step.state,
-            before: index.checked_sub(1).map_or(&empty, |before| &trail.beams[before]),
-            after: &trail.beams[index],
-            twin: &trail.beams[index],
-            to_nearest: step.to_nearest,
-            sub_plane_mm: Some(z),
-        };
-        if let Bound::By(carry) = trail.passes[index].bound {
-            carry(&step, &mut slack);
-        }
-    }
-    outer.faults.append(&mut slack.faults);
-    Ok(doubt(exact.tables(), &trail.beams.swap_remove(last), &slack))
-}
-
-/// Whether an effect is of the stage whose passes run for every sub-plane.
-fn is_tissue(effect: &str) -> bool {
-    let effect = REGISTRY.iter().find(|known| known.name == effect);
-    effect.is_some_and(|effect| effect.stage == Stage::Tissue)
-}
-
-/// Returns the bounds of `slack`, widened to the full range of amplitudes where a label is in doubt.
-fn doubt(tables: &Tables, beam: &Beam, slack: &Slack) -> Vec<f64> {
-    let largest = tables
-        .label_rows
-        .iter()
-        .map(|row| f64::from(row.echo))
-        .fold(0.0, f64::max);
-    let brightest = tables
-        .effects
-        .texture
-        .as_ref()
-        .map_or(1.0, |atlas| f64::from(atlas.data.iter().fold(1.0f32, |a, &b| a.max(b))));
-    let strength = tables
-        .settings
-        .effects
-        .texture
-        .as_ref()
-        .map_or(0.0, |texture| texture.strength);
-    let loudest = largest * (1.0 + strength * brightest);
-    (0..beam.label.len())
-        .map(|index| {
-            let sure =
-                !slack.torn[index] && possible_labels(tables, beam.position[index], slack.position[index]).len() == 1;
-            if sure { slack.amplitude[index] } else { loudest }
-        })
-        .collect()
 }

@@ -17,11 +17,11 @@ const TERM: f64 = 4.5;
 const COORDINATE: f64 = 2.0 * 16.0;
 const POINT: f64 = 2.0 * 2.0;
 
-/// Bounds each coordinate of a vector (mm, world) that a sample's element maps to the reference state: the difference
-/// between the elements of reference and twin, and the rounding of the map.
-pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [f64; 3] {
+/// A vector (mm, world) that a sample's element maps to the reference state, with the bound of each coordinate: the
+/// difference between the elements of reference and twin, and the rounding of the map.
+pub(crate) fn carried(step: &Step, index: usize, vector: Vector3<f64>) -> (Vector3<f64>, [f64; 3]) {
     let Some(mesh) = step.tables.mesh.as_deref() else {
-        return [0.0; 3];
+        return (vector, [0.0; 3]);
     };
     let nodes = current(step, mesh);
     let [exact, twin] = [step.before, step.twin].map(|beam| {
@@ -30,7 +30,7 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
     });
     let carried = |element: &Option<Tetrahedron>| element.as_ref().map_or(vector, |element| element.gradient * vector);
     let differing = carried(&exact) - carried(&twin);
-    std::array::from_fn(|row| {
+    let off = std::array::from_fn(|row| {
         let rounding = twin.as_ref().map_or(0.0, |element| {
             // Nodes are stored in single precision: each edge is off by at most ULP times the largest coordinate, and
             // the map by itself times that over the least height. Then gradient stored (1/2), product (1), two sums
@@ -39,7 +39,8 @@ pub(crate) fn vector_slack(step: &Step, index: usize, vector: Vector3<f64>) -> [
             (stored + 3.5 * ULP) * element.gradient.row(row).norm() * vector.norm()
         });
         differing[row].abs() + rounding
-    })
+    });
+    (carried(&exact), off)
 }
 
 /// Tetrahedron in its reference and deformed states.
@@ -185,25 +186,6 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             slack.torn[index] = true;
         }
     }
-    if step.sub_plane_mm.is_some() {
-        slack.torn = near_a_surface(step, slack);
-    }
-}
-
-/// Finds the samples so close to a surface of the mesh, deformed or not, that rounding may move them across it.
-fn near_a_surface(step: &Step, slack: &Slack) -> Vec<bool> {
-    let Some(mesh) = step.tables.mesh.as_deref() else {
-        return vec![false; step.before.position.len()];
-    };
-    let surfaces = [current(step, mesh), reference(step, mesh)].map(|nodes| Surface::of(mesh, nodes));
-    (0..step.before.position.len())
-        .map(|index| {
-            let world = place(step.before.position[index]);
-            let reach = slack.position[index].iter().fold(0.0f64, |a, &b| a.max(b)) * 3f64.sqrt();
-            let near = |surface: &Surface| surface.distance(world) <= surface.slack(world, reach);
-            surfaces.iter().any(near)
-        })
-        .collect()
 }
 
 /// Elements of a mesh at some positions of its nodes, and its boundary faces.

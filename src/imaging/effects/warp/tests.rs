@@ -2,9 +2,8 @@ use nalgebra::{Matrix4, Rotation3, Vector3};
 
 use super::*;
 use crate::anatomies;
-use crate::effects::common::{plane_step, rows};
+use crate::effects::common::rows;
 use crate::effects::geometry;
-use crate::effects::thickness::Thickness;
 use crate::synth::FrameState;
 use crate::synth::slab::States;
 use insonify_mesh::{Displacement, TetMesh};
@@ -13,13 +12,12 @@ use insonify_tracking::probe::{Curvilinear, Linear, Phased, ProbeShape, TrusTran
 const LOW: [f64; 3] = [-50.0, 5.0, -30.0];
 const HIGH: [f64; 3] = [50.0, 90.0, 30.0];
 
-/// Tables of 24 scanlines of 96 samples in five sub-planes over a mesh of about `nodes` nodes.
+/// Tables of 24 scanlines of 96 samples over a mesh of about `nodes` nodes.
 fn tables(shape: ProbeShape, nodes: usize) -> Tables {
     let (mut anatomy, mut settings, _) = anatomies::two_layers();
     anatomy.mesh = Some(std::sync::Arc::new(TetMesh::over_box(LOW, HIGH, nodes).unwrap()));
     settings.probe.shape = shape;
     (settings.probe.lines, settings.probe.samples, settings.probe.depth_mm) = (24, 96, 100.0);
-    settings.effects.thickness = Some(Thickness::default());
     Tables::new(anatomy, settings).unwrap()
 }
 
@@ -85,11 +83,10 @@ fn compare<T: Real>(tables: &Tables, state: &FrameState, step: usize) -> [usize;
     slab.sort_by_line(lines);
     let matrix = rows::<T>(&state.probe_to_world);
     let mut seen = [0; 4];
-    for at in 0..lines * tables.planes() {
-        let ray = tables.rays[at % lines];
-        let z = T::of(f64::from(plane_step(at / lines)) * tables.plane_mm());
+    for at in 0..lines {
+        let ray = tables.rays[at];
         let mut positions = vec![[T::zero(); 4]; samples];
-        geometry::scanline(ray.map(T::of), z, T::of(tables.sample_mm()), &matrix, &mut positions);
+        geometry::scanline(ray.map(T::of), T::of(tables.sample_mm()), &matrix, &mut positions);
         // As `contact` shifts them, on every other scanline.
         for (i, position) in positions.iter_mut().enumerate().filter(|_| at % 2 == 1) {
             let left = (1.0 - (i as f64 + 0.5) * tables.sample_mm() / 50.0).max(0.0);
@@ -99,7 +96,7 @@ fn compare<T: Real>(tables: &Tables, state: &FrameState, step: usize) -> [usize;
             }
         }
         let mut elements = vec![7; samples];
-        rasterise(&slab, at % lines, &mut positions, &mut elements);
+        rasterise(&slab, at, &mut positions, &mut elements);
         for (position, &slot) in positions.iter().zip(&elements).skip(at % step).step_by(step) {
             let found = match slot {
                 NO_ELEMENT => NO_ELEMENT,

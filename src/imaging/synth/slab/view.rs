@@ -5,7 +5,6 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::Matrix4;
 
 use super::LANES;
-use crate::effects::common::plane_step;
 use crate::synth::tables::Tables;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, Pack, array, map};
@@ -34,12 +33,7 @@ impl<'a> SlabView<'a> {
         let inverse = probe_to_world.try_inverse().unwrap_or(Matrix4::repeat(f64::NAN));
         let scale = inverse.fixed_view::<3, 3>(0, 0).norm();
         let sector = tables.grid.bounds_mm();
-        let planes = (0..tables.planes()).map(|plane| f64::from(plane_step(plane)) * tables.plane_mm());
-        let half = planes.fold(0.0f64, |half, z| half.max(z.abs()));
-        let bounds = [
-            [sector.min[0], sector.min[1], -half],
-            [sector.max[0], sector.max[1], half],
-        ];
+        let bounds = [[sector.min[0], sector.min[1], 0.0], [sector.max[0], sector.max[1], 0.0]];
         let farthest = bounds.iter().flatten().fold(0.0f64, |far, x| far.max(x.abs()));
         let rows = probe_to_world.fixed_view::<3, 4>(0, 0);
         let largest = rows.iter().fold(0.0f64, |sum, x| sum.max(x.abs())) * (1.0 + 3.0 * farthest);
