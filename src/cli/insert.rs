@@ -53,7 +53,7 @@ Examples:
   insonify insert liver-biopsy -o out               a scenario that comes with the program
   insonify insert --example segmentation-biopsy > my.toml   as a file; this one needs the path of your label file in `file`
   insonify insert --reference                       every key with its unit, range and default
-  insonify insert my.toml -o out --set needle.bevel.r_mm=0.4 --set scene.effects.blur=false   keys changed for one run
+  insonify insert my.toml -o out --set needle.bevel.r_mm=0.4 --set scene.effects.refraction=false   keys changed for one run
   insonify insert my.toml -o out --images           numbered pictures in out/frames
   insonify insert my.toml -o out --images=mha       an image sequence with the pose of each image, out/frames.mha
   insonify insert my.toml -o out --images --layers label-value,needle --sidecar --overview

@@ -81,7 +81,7 @@ Examples:
   insonify render                                  the default scene, to frame.png
   insonify render --labels labels.nii.gz --target kidney -o kidney.png   a segmentation: the probe is placed over the kidney
   insonify scene > my.toml                         the default scene, commented, ready to edit
-  insonify render my.toml --depth-mm 120 --set effects.blur=false   keys of the scene changed for one run
+  insonify render my.toml --depth-mm 120 --set effects.refraction=false   keys of the scene changed for one run
   insonify plan my.toml                            the passes of a frame, and why each runs
   insonify insert liver-biopsy -o out --images     a needle insertion: forces, tissue deformation, frames
   insonify solve problem.toml -o deformed.vtu      how tissue deforms under forces and displacements

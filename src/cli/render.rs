@@ -35,7 +35,7 @@ const EXAMPLES: &str = "\
 Examples:
   insonify render                                      the default scene, to frame.png
   insonify render --labels labels.nii.gz --target kidney   a label file alone, the probe over a kidney
-  insonify render my.toml --gain-db 6 --set effects.blur=false   keys of the scene changed for one run
+  insonify render my.toml --gain-db 6 --set effects.refraction=false   keys of the scene changed for one run
   insonify render sweep.toml -o frames                 one numbered picture for each pose of the scene
   insonify render sweep.toml --frames 90 -o sweep.mha  an image sequence with the pose of each frame
   insonify render my.toml --layers label-value,depth --sidecar --overview

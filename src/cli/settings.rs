@@ -126,7 +126,7 @@ impl Args for Settings {
             .action(ArgAction::Append)
             .value_parser(|text: &str| Setting::parse(text, "").map(|_| text.to_owned()))
             .help(
-                "Set a key, as if the file stated it: effects.tone.gain_db=6, effects.blur=false, tissue.0.name=liver. Repeatable; \
+                "Set a key, as if the file stated it: effects.tone.gain_db=6, effects.refraction=false, tissue.0.name=liver. Repeatable; \
                  the last one of a key counts",
             );
         let mut command = command.arg(set);

@@ -215,13 +215,23 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/effects/point_spread.rs",
-        &["speckle"],
-        "the point spread is stated with the speckle",
+        &["shadow", "speckle"],
+        "the point spread is stated with the speckle, and lengthens as pulses are attenuated",
+    ),
+    (
+        "imaging/effects/point_spread/beam.rs",
+        &["shadow"],
+        "the beam widens as pulses are attenuated",
+    ),
+    (
+        "imaging/effects/thickness.rs",
+        &["shadow", "slice", "speckle"],
+        "reads labels as they are sliced, as far from the plane as the point spread is wide",
     ),
     (
         "imaging/effects/speckle.rs",
-        &["interface", "needle"],
-        "adds their echoes before the point spread",
+        &["interface", "needle", "shadow"],
+        "adds their echoes before the point spread, which lengthens as pulses are attenuated",
     ),
     (
         "imaging/effects/interface.rs",
@@ -238,7 +248,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         &["speckle"],
         "the echo of a thick shaft passes its kernels",
     ),
-    ("imaging/effects/shadow.rs", &["needle"], "the needle shades"),
+    (
+        "imaging/effects/shadow.rs",
+        &["needle", "speckle"],
+        "the needle shades; edges are as soft as the point spread",
+    ),
     ("imaging/effects/shadow/aperture.rs", &["needle"], "the needle shades"),
     (
         "imaging/effects/table.rs",
@@ -281,12 +295,12 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ("base/document/setting.rs", &["tone"], "an example of a key"),
     (
         "cli/settings.rs",
-        &["blur", "tone"],
+        &["refraction", "tone"],
         "examples of keys, and that of `--gain-db`",
     ),
-    ("cli/insert.rs", &["blur"], "an example of a key"),
-    ("cli/main.rs", &["blur"], "an example of a key"),
-    ("cli/render.rs", &["blur"], "an example of a key"),
+    ("cli/insert.rs", &["refraction"], "an example of a key"),
+    ("cli/main.rs", &["refraction"], "an example of a key"),
+    ("cli/render.rs", &["refraction"], "an example of a key"),
 ];
 
 /// The source without comments and unit tests.
