@@ -337,7 +337,7 @@ fn a_change_touches_only_what_depends_on_it() {
         ),
         (
             "clutter",
-            |settings| settings.effects.receiver.as_mut().expect("receiver").clutter_db = -30.0,
+            |settings| settings.effects.receiver.as_mut().expect("receiver").clutter_db = Some(-30.0),
             &["Clutter"],
         ),
         (

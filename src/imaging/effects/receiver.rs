@@ -52,14 +52,24 @@ parameters! {
     pub struct Receiver {
         /// Electronic noise before gain, dB relative to the echo of liver at the array, independent in every frame.
         noise_db: f64 = -90.0, in -200..=20;
-        /// Acoustic clutter at the array, dB relative to the echo of liver there; it moves with the probe.
-        clutter_db: f64 = -16.0, in -200..=20;
+        /// Acoustic clutter at the array, dB relative to the echo of liver there; it moves with the probe. Default: -16
+        /// where the largest step of impedance between tissues is that of fat on muscle, less where it is smaller, none in a
+        /// phantom of one impedance.
+        #[serde(skip_serializing_if = "Option::is_none")]
+        clutter_db: Option<f64>, in -200..=20;
         /// Decay of the clutter with depth in addition to the attenuation of average soft tissue, dB per cm.
         clutter_decay_db_cm: f64 = 4.0, in 0..=50;
         /// Ring-down of the array at its face, dB relative to the echo of liver there.
         ring_down_db: f64 = 14.0, in -200..=60;
     }
 }
+
+/// Clutter at the array of a body whose wall is fat on muscle, dB: that of real frames of abdomens.
+pub const CLUTTER_DB: f64 = -16.0;
+
+/// Reflection coefficient of fat on muscle, of 1.38 and 1.70 MRayl (Szabo, Diagnostic Ultrasound Imaging, 2nd ed., 2014,
+/// appendix B).
+const FAT_ON_MUSCLE: f64 = 0.104;
 
 /// Depth over which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: a constant number of periods at every
 /// frequency. In real frames the band is 2 to 3 mm deep under a 5 MHz abdominal array (at most 10 dB over the tissue
@@ -74,11 +84,17 @@ impl Receiver {
         10f64.powf(self.noise_db / 10.0)
     }
 
-    /// Mean power of the clutter at a depth, relative to the echo of liver at the array. `lost_db` is the loss of
-    /// tissue down to it.
-    pub fn clutter_power(&self, depth_mm: f64, lost_db: f64) -> f64 {
+    /// Clutter at the array between tissues with this largest reflection coefficient, dB.
+    fn clutter_of_db(&self, reflection: f64) -> f64 {
+        let usual = || CLUTTER_DB + 20.0 * (reflection / FAT_ON_MUSCLE).min(1.0).log10();
+        self.clutter_db.unwrap_or_else(usual)
+    }
+
+    /// Mean power at a depth of clutter of `clutter_db` at the array, relative to the echo of liver there. `lost_db` is
+    /// the loss of tissue down to it.
+    pub fn clutter_power(&self, clutter_db: f64, depth_mm: f64, lost_db: f64) -> f64 {
         let fade_db = lost_db + self.clutter_decay_db_cm * depth_mm / 10.0;
-        10f64.powf((self.clutter_db - fade_db) / 10.0)
+        10f64.powf((clutter_db - fade_db) / 10.0)
     }
 
     /// Power of the ring-down at a depth, relative to the echo of liver at the array.
@@ -87,10 +103,10 @@ impl Receiver {
     }
 
     /// Power of clutter and ring-down at each sample, scanline by scanline.
-    fn clutter(&self, key: &Key) -> Vec<f32> {
+    fn clutter(&self, clutter_db: f64, key: &Key) -> Vec<f32> {
         let grid = key.grid;
         let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
-            self.clutter_power(depth_mm, key.attenuation.db_at(depth_mm))
+            self.clutter_power(clutter_db, depth_mm, key.attenuation.db_at(depth_mm))
         });
         let ring_down = |sample: usize| self.ring_down_power(grid.sample_depth_mm(sample), key.frequency_mhz) as f32;
         let ring_down: Vec<f32> = (0..grid.samples()).map(ring_down).collect();
@@ -129,12 +145,27 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Power of acoustic clutter and ring-down at each sample; empty without a receiver.
     pub clutter: Vec<f32>,
+    /// Clutter at the array, dB.
+    pub clutter_db: f64,
+}
+
+/// Largest reflection coefficient between the tissues of an anatomy, without those that occlude.
+fn reflection(anatomy: &Anatomy, tissues: &TissueTable) -> f64 {
+    let present = (1..anatomy.volume.labels().len()).filter(|label| anatomy.volume.holds(*label));
+    let soft = present
+        .map(|label| tissues.tissue(label as u8))
+        .filter(|tissue| !tissue.is_occluder());
+    let [low, high] = soft.fold([f64::INFINITY, 0.0f64], |[low, high], tissue| {
+        [low.min(tissue.impedance_mrayl), high.max(tissue.impedance_mrayl)]
+    });
+    if high > low { (high - low) / (high + low) } else { 0.0 }
 }
 
 /// Settings on which the clutter depends.
 #[derive(PartialEq)]
 pub(crate) struct Key<'a> {
     receiver: Option<&'a Receiver>,
+    tissues: &'a TissueTable,
     spread: PointSpread,
     attenuation: Attenuation,
     frequency_mhz: f64,
@@ -142,11 +173,12 @@ pub(crate) struct Key<'a> {
     grid: &'a BeamGrid,
 }
 
-/// Takes parameters, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
-pub(crate) fn key<'a>(tissues: &TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
+/// Takes parameters, tissues, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
+pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.clone().unwrap_or_default();
     Key {
         receiver: settings.effects.receiver.as_ref(),
+        tissues,
         spread: PointSpread::new(&speckle, &settings.probe, Attenuation::of(tissues, settings)),
         attenuation: Attenuation::average(settings),
         frequency_mhz: settings.probe.frequency_mhz,
@@ -156,9 +188,12 @@ pub(crate) fn key<'a>(tissues: &TissueTable, settings: &'a Settings, grid: &'a B
 }
 
 /// Computes the clutter.
-pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
-    let clutter = key.receiver.map_or(Vec::new(), |receiver| receiver.clutter(key));
-    Ok(Derived { clutter })
+pub(crate) fn derive(anatomy: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
+    let (clutter, clutter_db) = key.receiver.map_or((Vec::new(), 0.0), |receiver| {
+        let clutter_db = receiver.clutter_of_db(reflection(anatomy, key.tissues));
+        (receiver.clutter(clutter_db, key), clutter_db)
+    });
+    Ok(Derived { clutter, clutter_db })
 }
 
 /// Per sample: power of acoustic clutter and ring-down (`f32`).
@@ -178,10 +213,16 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.receiver {
-        Some(receiver) => Yes(format!(
-            "the receiver has noise of {} dB, clutter of {} dB and a ring-down of {} dB",
-            receiver.noise_db, receiver.clutter_db, receiver.ring_down_db
-        )),
+        Some(receiver) => {
+            let clutter = match tables.effects.receiver.clutter_db {
+                f64::NEG_INFINITY => "no clutter, as all tissues have one impedance,".to_owned(),
+                clutter_db => format!("clutter of {clutter_db:.0} dB"),
+            };
+            Yes(format!(
+                "the receiver has noise of {} dB, {clutter} and a ring-down of {} dB",
+                receiver.noise_db, receiver.ring_down_db
+            ))
+        }
         None => No("the scene names no receiver".into()),
     }
 }
@@ -349,15 +390,19 @@ mod tests {
     fn clutter_fades() {
         let receiver = Receiver {
             noise_db: -40.0,
-            clutter_db: -10.0,
             clutter_decay_db_cm: 2.0,
+            clutter_db: None,
             ring_down_db: 14.0,
         };
         assert!((receiver.noise_power() - 1e-4).abs() < 1e-12);
-        assert!((receiver.clutter_power(0.0, 0.0) - 1e-1).abs() < 1e-12);
+        assert!((receiver.clutter_power(-10.0, 0.0, 0.0) - 1e-1).abs() < 1e-12);
         // 0.9 mm at 3.5 MHz take 8.7 dB.
         assert!((receiver.ring_down_power(0.9, 3.5) - 10f64.powf(1.4) * (-2.0f64).exp()).abs() < 1e-9);
         // 30 mm at 2 + 3 dB/cm take 15 dB.
-        assert!((receiver.clutter_power(30.0, 9.0) - 10f64.powf(-2.5)).abs() < 1e-12);
+        assert!((receiver.clutter_power(-10.0, 30.0, 9.0) - 10f64.powf(-2.5)).abs() < 1e-12);
+        // A tenth of the reflection, and none.
+        let of = |reflection: f64| receiver.clutter_of_db(reflection);
+        assert!((of(0.5) - CLUTTER_DB).abs() < 1e-12 && (of(0.0104) - CLUTTER_DB + 20.0).abs() < 1e-9);
+        assert_eq!(receiver.clutter_power(of(0.0), 10.0, 0.0), 0.0);
     }
 }

@@ -58,7 +58,11 @@ impl<'a> Guide<'a> {
     /// Starts the guidance of a run of a scenario.
     pub fn new(scenario: &'a Scenario) -> Self {
         let settings = &scenario.scene.settings;
-        let stated = settings.effects.thickness.as_ref().and_then(|thickness| thickness.width_mm);
+        let stated = settings
+            .effects
+            .thickness
+            .as_ref()
+            .and_then(|thickness| thickness.width_mm);
         let target = scenario.targets.first();
         Self {
             scenario,

@@ -8,7 +8,7 @@ use crate::realism::picture::Picture;
 use crate::realism::texture::{Patch, Texture, Window, dark_windows};
 use insonify_base::statistics::{mean, median, percentile, slope, std};
 use insonify_imaging::anatomies::SILENT;
-use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::receiver::{CLUTTER_DB, Receiver};
 use insonify_imaging::synth::SynthError;
 
 /// Number of correction rounds for noise and clutter.
@@ -142,6 +142,7 @@ impl Bench<'_> {
             let Receiver {
                 noise_db, clutter_db, ..
             } = &mut model.receiver;
+            let clutter_db = clutter_db.get_or_insert(CLUTTER_DB);
             for (level_db, deficit) in [noise_db, clutter_db].into_iter().zip(&deficits) {
                 if !deficit.is_empty() {
                     *level_db = (*level_db + lowest(deficit.iter().copied())).clamp(-200.0, 20.0);
@@ -199,10 +200,10 @@ impl DarkWindows {
             let levels = self.levels_db(model, 0, &self.greys[0]);
             model.receiver.noise_db = lowest(levels.into_iter()).clamp(-200.0, 20.0);
             let quiet = at_array(model, 0) - HIDDEN_DB;
-            model.receiver.clutter_db = defaults.clutter_db.min(quiet).max(-200.0);
+            model.receiver.clutter_db = Some(CLUTTER_DB.min(quiet).max(-200.0));
         }
         if !self.windows[1].is_empty() {
-            model.receiver.clutter_db = at_array(model, 1).clamp(-200.0, 20.0);
+            model.receiver.clutter_db = Some(at_array(model, 1).clamp(-200.0, 20.0));
         }
         fades
     }

@@ -8,6 +8,7 @@ use super::{EstimatedParameter, ROUNDS, SETTLED, Unidentified, WindowMeasurement
 use crate::realism::texture::{Patch, Texture, Window};
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::statistics::{median, std};
+use insonify_imaging::effects::receiver::CLUTTER_DB;
 use insonify_imaging::scene::{ImageSpec, SceneFile, Version, VolumeSpec};
 use insonify_tracking::probe::ProbeSpec;
 
@@ -118,7 +119,7 @@ impl Bench<'_> {
             figure(
                 "effects.receiver.clutter_db",
                 "dB",
-                receiver.clutter_db,
+                receiver.clutter_db.unwrap_or(CLUTTER_DB),
                 dark.spread_db[1].map(rounded),
             ),
             figure(

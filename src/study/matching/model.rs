@@ -2,7 +2,7 @@
 
 use insonify_base::statistics::mean;
 use insonify_imaging::effects::point_spread::PointSpread;
-use insonify_imaging::effects::receiver::Receiver;
+use insonify_imaging::effects::receiver::{CLUTTER_DB, Receiver};
 use insonify_imaging::effects::shadow::{Attenuation, SOFT_TISSUE_DB_CM_MHZ};
 use insonify_imaging::effects::tone::{MID_GREY, Tone};
 use insonify_imaging::effects::{Effects, speckle::Speckle};
@@ -42,7 +42,10 @@ impl Model {
             focus_mm: spread.focus_mm,
             focal_zone_mm: 1e4,
             tone: Tone::linear(),
-            receiver: Receiver::default(),
+            receiver: Receiver {
+                clutter_db: Some(CLUTTER_DB),
+                ..Receiver::default()
+            },
         }
     }
 
@@ -82,7 +85,7 @@ impl Model {
             }),
             receiver: Some(Receiver {
                 noise_db: rounded(self.receiver.noise_db),
-                clutter_db: rounded(self.receiver.clutter_db),
+                clutter_db: self.receiver.clutter_db.map(rounded),
                 clutter_decay_db_cm: rounded(self.receiver.clutter_decay_db_cm),
                 ..self.receiver
             }),

@@ -293,7 +293,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
         let mut effects = KNOWN.effects();
         effects.receiver = Some(Receiver {
             noise_db,
-            clutter_db,
+            clutter_db: Some(clutter_db),
             clutter_decay_db_cm: decay,
             ..Receiver::default()
         });

@@ -317,7 +317,7 @@ pub(crate) fn without_grain(mut settings: Settings) -> Settings {
 pub(crate) fn silent(mut settings: Settings) -> Settings {
     if let Some(receiver) = &mut settings.effects.receiver {
         receiver.noise_db = QUIETEST_DB;
-        receiver.clutter_db = QUIETEST_DB;
+        receiver.clutter_db = Some(QUIETEST_DB);
         receiver.ring_down_db = QUIETEST_DB;
     }
     settings

@@ -15,13 +15,13 @@ fn noise_and_clutter_on_every_probe_shape() {
             Receiver::default(),
             Receiver {
                 noise_db: 20.0,
-                clutter_db: -200.0,
+                clutter_db: Some(-200.0),
                 clutter_decay_db_cm: 0.0,
                 ring_down_db: -200.0,
             },
             Receiver {
                 noise_db: -200.0,
-                clutter_db: -20.0,
+                clutter_db: Some(-20.0),
                 clutter_decay_db_cm: 12.0,
                 ring_down_db: -200.0,
             },

@@ -19,7 +19,7 @@ const DEPTH_MM: f64 = 60.0;
 /// Noise alone, of -20 dB at all depths.
 const NOISE: Receiver = Receiver {
     noise_db: -20.0,
-    clutter_db: -200.0,
+    clutter_db: Some(-200.0),
     clutter_decay_db_cm: 0.0,
     ring_down_db: -200.0,
 };
@@ -156,7 +156,7 @@ fn powers_of_echo_and_noise_add() {
 fn clutter_stands_still_and_fades() {
     let receiver = Receiver {
         noise_db: -65.0,
-        clutter_db: -10.0,
+        clutter_db: Some(-10.0),
         clutter_decay_db_cm: 2.0,
         ring_down_db: -200.0,
     };
@@ -222,7 +222,7 @@ fn clutter_stands_still_and_fades() {
 fn the_array_rings_down() {
     let receiver = Receiver {
         noise_db: -200.0,
-        clutter_db: -200.0,
+        clutter_db: Some(-200.0),
         ring_down_db: 14.0,
         ..Receiver::default()
     };

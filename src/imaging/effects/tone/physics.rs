@@ -211,7 +211,7 @@ fn tissue_behind_urine_is_at_most_8_db_too_bright() {
 fn automatic_gain_lifts_faint_tissue_and_no_noise() {
     let receiver = Receiver {
         noise_db: -60.0,
-        clutter_db: -200.0,
+        clutter_db: Some(-200.0),
         ring_down_db: -200.0,
         ..Receiver::default()
     };
