@@ -19,6 +19,8 @@ pub mod rf;
 pub mod scene;
 pub mod sequence;
 pub mod sidecar;
+#[cfg(any(test, feature = "analysis"))]
+pub mod simulated;
 pub mod synth;
 
 #[cfg(test)]

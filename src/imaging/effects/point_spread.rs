@@ -152,74 +152,21 @@ fn pulse_mm(transducer: &Transducer) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use insonify_tracking::probe::{Aperture, Apodisation, Curvilinear, Linear, Phased};
+    use crate::simulated::{self, AXIAL, CURVED_POINTS, CURVED_SPECKLE, LINEAR_POINTS, LINEAR_SPECKLE};
+    use insonify_tracking::probe::{Aperture, Apodisation, Linear, Phased};
 
-    /// The arrays of the reference simulation by SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218
-    /// (2022) 106726), with its settings: 128 elements of L11-5v and of C5-2v, pulses of 55 % bandwidth.
+    /// Point spread of a probe of the simulation.
     fn simulated(is_curved: bool, apodisation: Apodisation) -> PointSpread {
-        let mut probe = if is_curved {
-            let shape = Curvilinear {
-                radius_mm: 49.57,
-                angle_deg: 74.6,
-            };
-            Probe::new(shape, 145.0).unwrap()
-        } else {
-            Probe::new(Linear { width_mm: 38.4 }, 45.0).unwrap()
-        };
-        let (mhz, focus_mm) = if is_curved { (3.57, 75.0) } else { (7.6, 22.0) };
-        probe.frequency_mhz = mhz;
-        probe.samples = 2048;
-        probe.aperture = Aperture {
-            bandwidth: Some(0.55),
-            transmit_focus_mm: Some(focus_mm),
-            apodisation: Some(apodisation),
-            ..Aperture::default()
-        };
+        let probe = simulated::probe(is_curved, apodisation);
         PointSpread::new(&Speckle::default(), &probe, Attenuation::default())
     }
-
-    /// Depth, lateral length around a point with Hann weights and with equal ones, elevational length, mm.
-    const LINEAR_POINTS: [[f64; 4]; 6] = [
-        [10.0, 0.682, 0.428, 1.583],
-        [15.0, 0.748, 0.446, 0.595],
-        [20.0, 0.477, 0.350, 0.806],
-        [25.0, 0.523, 0.374, 1.039],
-        [30.0, 0.671, 0.428, 1.462],
-        [40.0, 0.695, 0.425, 2.910],
-    ];
-    const CURVED_POINTS: [[f64; 4]; 6] = [
-        [30.0, 1.714, 1.080, 5.608],
-        [50.0, 1.844, 1.126, 1.523],
-        [70.0, 1.277, 0.989, 2.224],
-        [80.0, 1.372, 1.059, 2.587],
-        [110.0, 2.099, 1.498, 4.667],
-        [140.0, 2.182, 1.689, 9.216],
-    ];
-
-    /// Depth, lateral length in speckle with Hann weights and with equal ones, mm.
-    const LINEAR_SPECKLE: [[f64; 3]; 5] = [
-        [12.0, 0.682, 0.334],
-        [18.0, 0.533, 0.322],
-        [24.0, 0.506, 0.328],
-        [30.0, 0.578, 0.346],
-        [36.0, 0.693, 0.358],
-    ];
-    const CURVED_SPECKLE: [[f64; 3]; 7] = [
-        [35.0, 1.710, 0.955],
-        [50.0, 1.579, 1.010],
-        [65.0, 1.327, 0.988],
-        [80.0, 1.432, 1.058],
-        [95.0, 1.597, 1.151],
-        [110.0, 1.998, 1.372],
-        [122.0, 2.163, 1.536],
-    ];
 
     #[test]
     fn lengths_are_those_of_a_simulator_of_waves() {
         // Axial lengths around a point and in speckle, the means over depth.
         for (is_curved, points, speckle, axial) in [
-            (false, &LINEAR_POINTS[..], &LINEAR_SPECKLE[..], [0.161, 0.150]),
-            (true, &CURVED_POINTS, &CURVED_SPECKLE, [0.336, 0.312]),
+            (false, &LINEAR_POINTS[..], &LINEAR_SPECKLE[..], AXIAL[0]),
+            (true, &CURVED_POINTS, &CURVED_SPECKLE, AXIAL[1]),
         ] {
             let probes = [Apodisation::Hann, Apodisation::None].map(|weights| simulated(is_curved, weights));
             let hann = &probes[0];

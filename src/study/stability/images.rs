@@ -48,6 +48,14 @@ pub(crate) const GROUP: Group = Group {
             run: passes::any_attenuation,
         },
         HardCase {
+            name: "apertures at their ends",
+            criterion: "one element, f-numbers of 0.5 and 20, bandwidths of 5 and 150 %, foci at the array: speckle of unit power to 1 dB, \
+                        every backend within rounding of double precision after every pass",
+            covers: ALL,
+            seed: 110,
+            run: passes::any_aperture,
+        },
+        HardCase {
             name: "blur of any width",
             criterion: "width 0 is the identity; one sample wide the impulse response is the kernel; wider than the sector the energy is kept",
             covers: ALL,

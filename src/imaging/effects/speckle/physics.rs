@@ -1,10 +1,11 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
 use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::simulated::{self, AXIAL, CURVED_SPECKLE, LINEAR_SPECKLE};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Settings;
 use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
-use insonify_tracking::probe::{Aperture, Apodisation, Curvilinear, Linear, ProbeShape};
+use insonify_tracking::probe::{Apodisation, Linear, ProbeShape};
 use nalgebra::{Matrix4, Vector3};
 
 use crate::support::anatomy::{self, PLAIN};
@@ -273,47 +274,9 @@ fn speckle_decorrelates_out_of_plane_and_between_seeds() {
     }
 }
 
-/// Depths, and lateral lengths in speckle with Hann weights and with equal ones, mm. Reference simulation by SIMUS (D.
-/// Garcia, Computer Methods and Programs in Biomedicine 218 (2022) 106726) of the arrays L11-5v and C5-2v, a focused
-/// transmission per scanline, receive f-numbers 1.5 and 1.75.
-const LINEAR: [[f64; 3]; 5] = [
-    [12.0, 0.6821, 0.3335],
-    [18.0, 0.5333, 0.3219],
-    [24.0, 0.5062, 0.3280],
-    [30.0, 0.5777, 0.3458],
-    [36.0, 0.6932, 0.3575],
-];
-const CURVED: [[f64; 3]; 7] = [
-    [35.0, 1.710, 0.9552],
-    [50.0, 1.579, 1.010],
-    [65.0, 1.327, 0.9883],
-    [80.0, 1.432, 1.058],
-    [95.0, 1.597, 1.151],
-    [110.0, 1.998, 1.372],
-    [122.0, 2.163, 1.536],
-];
-
-/// Fields of an array of the simulation, whose samples and scanlines are as there.
-fn simulated(is_curved: bool, apodisation: Apodisation, count: u64) -> Vec<Beam> {
-    let (shape, depth_mm, lines, samples): (ProbeShape, _, _, _) = if is_curved {
-        let shape = Curvilinear {
-            radius_mm: 49.57,
-            angle_deg: 74.6,
-        };
-        (shape.into(), 145.0, 326, 2417)
-    } else {
-        (Linear { width_mm: 38.4 }.into(), 45.0, 193, 1800)
-    };
-    let mut probe = scene::probe(shape, depth_mm, lines, samples);
-    let (mhz, focus_mm) = if is_curved { (3.57, 75.0) } else { (7.6, 22.0) };
-    probe.frequency_mhz = mhz;
-    probe.aperture = Aperture {
-        bandwidth: Some(0.55),
-        transmit_focus_mm: Some(focus_mm),
-        apodisation: Some(apodisation),
-        ..Aperture::default()
-    };
-    let mut settings = scene::settings(probe, scene::bare());
+/// Fields of an array of the simulation.
+fn fields_of(is_curved: bool, apodisation: Apodisation, count: u64) -> Vec<Beam> {
+    let mut settings = scene::settings(simulated::probe(is_curved, apodisation), scene::bare());
     settings.effects.speckle = Some(Speckle::default());
     fields(&settings, Backend::Cpu, count)
 }
@@ -321,9 +284,12 @@ fn simulated(is_curved: bool, apodisation: Apodisation, count: u64) -> Vec<Beam>
 #[test]
 fn arrays_have_the_speckle_of_a_simulator_of_waves() {
     // The axial length does not change with depth there: it is the mean, of lengths that scatter by 5 %.
-    for (is_curved, axial_mm, rows) in [(false, 0.150, &LINEAR[..]), (true, 0.312, &CURVED)] {
+    for (is_curved, axial_mm, rows) in [
+        (false, AXIAL[0][1], &LINEAR_SPECKLE[..]),
+        (true, AXIAL[1][1], &CURVED_SPECKLE),
+    ] {
         for apodisation in [Apodisation::Hann, Apodisation::None] {
-            let beams = simulated(is_curved, apodisation, 3);
+            let beams = fields_of(is_curved, apodisation, 3);
             let sample_mm = if is_curved { 145.0 / 2417.0 } else { 0.025 };
             for [depth_mm, hann_mm, none_mm] in rows {
                 let lateral_mm = if apodisation == Apodisation::Hann {

@@ -1,12 +1,13 @@
 //! Elevational thickness: a constant is unchanged, and a layer across the elevation counts by its share of the beam.
 
 use insonify_imaging::effects::thickness::Thickness;
+use insonify_imaging::simulated;
 use insonify_imaging::synth::tables::Settings;
 
 use crate::support::anatomy::{self, Frame, PLAIN, SILENT};
 use crate::support::scene::{self, SHAPES};
 use crate::support::scene::{beam_after, precisions};
-use insonify_tracking::probe::{BeamGrid, Curvilinear, ProbeShape};
+use insonify_tracking::probe::{Apodisation, BeamGrid};
 
 fn settings(shape: usize, width_mm: f64, planes: u32) -> Settings {
     let mut settings = scene::settings(scene::probe(SHAPES[shape].1, 40.0, 9, 32), scene::bare());
@@ -61,25 +62,17 @@ fn a_slab_beside_the_plane_adds_its_share_of_the_beam() {
     }
 }
 
-/// Echoes in spheres without scatterers under the curved array of SIMUS (D. Garcia, Computer Methods and Programs in
-/// Biomedicine 218 (2022) 106726): mean power within 0.6 radii over that around, less that of cylinders, which is what
-/// reaches in from the sides and not across the plane.
 #[test]
 fn spheres_fill_as_in_a_simulator_of_waves() {
-    for (diameter_mm, depth_mm, simulated_db) in [(3.0, 40.0, -10.2), (6.0, 65.0, -24.2)] {
+    for [diameter_mm, depth_mm, simulated_db] in simulated::SPHERES {
         let frame = Frame::around([0.0, depth_mm, 0.0], [100; 3], 0.25);
         let radius_mm = 0.5 * diameter_mm;
         let from_centre = |p: [f64; 3]| p[0].hypot(p[1] - depth_mm).hypot(p[2]);
         let anatomy = anatomy::anatomy_from(frame, &[PLAIN, PLAIN, SILENT], |p| {
             1 + u8::from(from_centre(p) < radius_mm)
         });
-        let shape = ProbeShape::Curvilinear(Curvilinear {
-            radius_mm: 49.57,
-            angle_deg: 74.6,
-        });
-        let mut probe = scene::probe(shape, 145.0, 481, 1024);
-        probe.frequency_mhz = 3.57;
-        probe.aperture.bandwidth = Some(0.55);
+        let probe = simulated::probe(true, Apodisation::Hann);
+        let samples = probe.samples as usize;
         let grid = BeamGrid::new(&probe).expect("a grid");
         let mut settings = scene::settings(probe, scene::bare());
         settings.effects.thickness = Some(Thickness::default());
@@ -87,7 +80,7 @@ fn spheres_fill_as_in_a_simulator_of_waves() {
             let beam = beam_after(&anatomy, &settings, backend, "thickness", &scene::straight());
             let (mut sum, mut count) = (0.0, 0.0);
             for (index, amplitude) in beam.amplitude.iter().enumerate() {
-                let [x, y] = grid.to_plane((index / 1024) as f64, (index % 1024) as f64);
+                let [x, y] = grid.to_plane((index / samples) as f64, (index % samples) as f64);
                 if from_centre([x, y, 0.0]) < 0.6 * radius_mm {
                     sum += amplitude * amplitude;
                     count += 1.0;

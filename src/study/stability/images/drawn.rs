@@ -60,11 +60,7 @@ pub(super) fn scene(seed: u64, index: u64) -> Case {
     } else {
         anatomy
     };
-    let mut effects = effects(&mut draw);
-    if anatomy.mesh.is_some() {
-        // Each sub-plane is mapped through the mesh separately; a few such cases are enough.
-        effects.thickness = None;
-    }
+    let effects = effects(&mut draw);
     let settings = Settings {
         seed: draw.within(0.0, u64::MAX as f64) as u64,
         probe,

@@ -8,11 +8,14 @@ use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::blur::Blur;
 use insonify_imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
 use insonify_imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
+use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::effects::thickness::Thickness;
 use insonify_imaging::effects::tone::Tone;
+use insonify_imaging::parity::{Case, check};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{SynthError, Synthesizer};
-use insonify_tracking::probe::{Linear, Phased, ProbeShape, TrusTransverse};
+use insonify_tracking::probe::{Aperture, Linear, Phased, ProbeShape, TrusTransverse};
 
 const LONG_SAMPLES: u32 = 8192;
 const DEPTH_MM: f64 = 160.0;
@@ -113,6 +116,107 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
                 _ => largest(last_echoes),
             },
         );
+    }
+    Ok(())
+}
+
+/// Renders uniform tissue, with a ball that loses more, under apertures at the ends of what a probe may state.
+pub(crate) fn any_aperture(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let ends: [(&str, Aperture); 8] = [
+        (
+            "one element",
+            Aperture {
+                aperture_mm: Some(0.01),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "receive f-number 0.5",
+            Aperture {
+                receive_f_number: Some(0.5),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "receive f-number 20",
+            Aperture {
+                receive_f_number: Some(20.0),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "transmit f-number 0.5",
+            Aperture {
+                transmit_f_number: Some(0.5),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "bandwidth 5 %",
+            Aperture {
+                bandwidth: Some(0.05),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "bandwidth 150 %",
+            Aperture {
+                bandwidth: Some(1.5),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "transmit focus at the array",
+            Aperture {
+                transmit_focus_mm: Some(0.0),
+                ..Aperture::default()
+            },
+        ),
+        (
+            "lens focus at the array",
+            Aperture {
+                lens_focus_mm: Some(1.0),
+                height_mm: Some(50.0),
+                ..Aperture::default()
+            },
+        ),
+    ];
+    let lossy = |db_cm_mhz: f64| Acoustics {
+        attenuation_db_cm_mhz: db_cm_mhz,
+        ..PLAIN
+    };
+    let count = ends.len() as f64;
+    for (index, (what, aperture)) in ends.into_iter().enumerate() {
+        let effects = Effects {
+            shadow: Some(Shadow::default()),
+            speckle: Some(Speckle::default()),
+            thickness: Some(Thickness::default()),
+            ..Effects::default()
+        };
+        let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
+        let mut settings = settings(shape, 60.0, [64, 256], effects);
+        settings.probe.aperture = aperture;
+        for mut synth in everywhere(&anatomies::uniform(PLAIN), &settings, &gpus)? {
+            let backend = name(&synth);
+            let beam = synth.render_until("speckle_lateral", &straight())?;
+            let power = beam.amplitude.iter().map(|echo| echo * echo).sum::<f64>() / beam.amplitude.len() as f64;
+            record.under(
+                format!("{what}, {backend}: power of speckle, dB from 1"),
+                (10.0 * power.log10()).abs(),
+                1.0,
+            );
+        }
+        let frame = Frame::around([0.0, 30.0, 0.0], [60; 3], 1.0);
+        let anatomy = anatomies::ball(frame, [0.0, 20.0, 0.0], 6.0, &[SILENT, lossy(0.5), lossy(3.0)]);
+        let case = Case::new(what, anatomy, settings, straight());
+        for comparison in check(&case, &gpus)? {
+            record.zero(
+                format!("{what}, {}: deviations beyond rounding", comparison.backend),
+                comparison.faults.len() as f64,
+            );
+        }
+        record.done((index + 1) as f64 / count);
     }
     Ok(())
 }
