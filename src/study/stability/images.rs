@@ -41,8 +41,8 @@ pub(crate) const GROUP: Group = Group {
         },
         HardCase {
             name: "attenuation without bound",
-            criterion: "0 to 1e6 dB/cm over 8,192 samples: transmittance monotone, never negative, underflow to black; Beer and Lambert to the \
-                        fixed point's rounding",
+            criterion: "0 to 1e6 dB/cm over 8,192 samples: transmittance monotone, never negative, underflow to black; Beer and Lambert for a \
+                        pulse to the fixed point's rounding",
             covers: ALL,
             seed: 104,
             run: passes::any_attenuation,

@@ -7,6 +7,7 @@ use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::blur::Blur;
 use insonify_imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
+use insonify_imaging::effects::shadow::downshift::Downshift;
 use insonify_imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
 use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::effects::thickness::Thickness;
@@ -78,15 +79,16 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
         format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
         negative as f64,
     );
-    // The loss of each sample is rounded to half a unit, half of its own loss to another; then the capped sum and the
-    // rounding of single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its
+    // The loss of each sample is rounded to half a unit, half of its own loss to another; what is not felt of it to a unit
+    // and in single precision; then the capped sum and the rounding of single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its
     // square.
     let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
-    let two_way = |sample: usize| (2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0);
+    let downshift = Downshift::new(synth.settings().probe.transducer().bandwidth);
+    let two_way = |sample: usize| downshift.felt_db((2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0));
     let error = lines().flat_map(|line| line.iter().enumerate()).map(|(sample, echo)| {
         let exact_db = two_way(sample);
         let exact = 10f64.powf(-exact_db / 20.0);
-        let units = (0.5 * (sample as f64 + 2.0)) / UNITS_PER_DB / 20.0 * std::f64::consts::LN_10;
+        let units = (0.5 * (sample as f64 + 4.0) / UNITS_PER_DB + 1e-6 * exact_db) / 20.0 * std::f64::consts::LN_10;
         let octaves = exact_db / 20.0 * std::f64::consts::LOG2_10;
         let rounding = 2.0 * (6.0 + 6.0 * octaves) / 8_388_608.0;
         // Values below the range of single precision may be zero.
@@ -97,7 +99,7 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
         record.under(
             format!("{db_cm} dB/cm, {backend}: loudest echo"),
             largest(beam.amplitude.iter().copied()),
-            1.001 * 10f64.powf(-0.5 * MAX_PER_SAMPLE_DB / 20.0),
+            1.001 * 10f64.powf(-downshift.felt_db(0.5 * MAX_PER_SAMPLE_DB) / 20.0),
         );
     } else {
         record.under(
