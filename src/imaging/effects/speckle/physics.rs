@@ -1,6 +1,9 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
 use insonify_imaging::effects::speckle::Speckle;
+use insonify_imaging::rf::Acquisition;
+use insonify_imaging::rf::scatterers::RfSynthesizer;
+use insonify_imaging::rf::signal::Lines;
 use insonify_imaging::simulated::{self, AXIAL, CURVED_SPECKLE, LINEAR_SPECKLE};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Settings;
@@ -323,6 +326,37 @@ fn arrays_have_the_speckle_of_a_simulator_of_waves() {
             println!("{apodisation:?}: mean over standard deviation {ratio:.3}, {deviation:.2} dB");
             assert!((1.85..1.95).contains(&ratio), "mean over standard deviation {ratio}");
             assert!((5.4..5.8).contains(&deviation), "{deviation} dB");
+        }
+    }
+}
+
+/// Echoes of point scatterers, each with its pulse and the beam where it lies, are another route to the same grain.
+#[test]
+fn radio_frequency_echoes_have_the_speckle_of_the_simulator() {
+    let settings = scene::settings(simulated::probe(false, Apodisation::Hann), scene::bare());
+    let acquisition = Acquisition {
+        bandwidth: 0.55,
+        ..Acquisition::new(7.6)
+    };
+    let mut synthesizer =
+        RfSynthesizer::new(anatomy::uniform(PLAIN), settings, acquisition).expect("a synthesiser of echoes");
+    let echoes = synthesizer.render(&scene::straight()).expect("echoes");
+    let (lines, samples) = (synthesizer.lines(), synthesizer.samples());
+    let envelope = Lines::new(samples).envelope(&echoes);
+    let beam = Beam {
+        lines,
+        samples,
+        amplitude: envelope.into_iter().map(f64::from).collect(),
+        ..Beam::default()
+    };
+    let (beams, sample_mm) = ([beam], acquisition.sample_mm());
+    for [depth_mm, lateral_mm, _] in LINEAR_SPECKLE {
+        let window = ((depth_mm - 3.0) / sample_mm) as usize..((depth_mm + 3.0) / sample_mm) as usize;
+        for (stride, step_mm, expected_mm) in [(1, sample_mm, AXIAL[0][1]), (samples, 0.2, lateral_mm)] {
+            let length_mm = full_width(&autocorrelation(&beams, stride, 24, window.clone()), step_mm);
+            println!("{depth_mm} mm: {length_mm:.3} mm, simulated {expected_mm:.3}");
+            let off = length_mm / expected_mm - 1.0;
+            assert!(off.abs() < 0.15, "{depth_mm} mm: {length_mm}, not {expected_mm}");
         }
     }
 }

@@ -5,7 +5,7 @@ use nalgebra::Matrix4;
 
 use crate::tradeoff::{Axis, Choice, Column, Goal};
 use insonify::Error;
-use insonify_base::statistics::{mean, std};
+use insonify_base::statistics::{full_width, mean, std};
 use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::speckle::Speckle;
@@ -212,15 +212,12 @@ fn lengths_mm(fields: &[Beam], grid: &BeamGrid, depth_mm: f64) -> [f64; 2] {
     };
     let variance = covariance([0, 0]);
     let width = |step: [usize; 2], step_mm: f64| {
-        let mut before = 1.0;
-        for lag in 1..64 {
-            let correlation = covariance(step.map(|count| lag * count)) / variance;
-            if correlation < 0.5 {
-                return 2.0 * step_mm * (lag as f64 - (0.5 - correlation) / (before - correlation));
-            }
-            before = correlation;
+        let mut correlations = vec![1.0];
+        while correlations.len() < 64 && correlations.iter().all(|correlation| *correlation >= 0.5) {
+            let lag = correlations.len();
+            correlations.push(covariance(step.map(|count| lag * count)) / variance);
         }
-        f64::NAN
+        full_width(&correlations, step_mm).unwrap_or(f64::NAN)
     };
     [
         width([0, 1], sample_mm),
