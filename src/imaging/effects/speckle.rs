@@ -274,12 +274,22 @@ fn wanted(tables: &Tables) -> Wanted {
             let longer = spread.samples_for_pulse.map(|samples| {
                 format!(" (a sample is longer than half of the pulse; probe.samples = {samples} shows it whole)")
             });
+            let grid = &tables.grid;
+            let apart = (0..tables.samples())
+                .map(|sample| grid.sample_depth_mm(sample))
+                .map(|depth_mm| grid.lateral_spacing_mm(depth_mm) / spread.lateral_at(depth_mm))
+                .fold(0.0, f64::max);
+            let wider = (apart > 0.5).then(|| {
+                let lines = (2.0 * apart * (tables.lines() - 1) as f64).ceil() + 1.0;
+                format!(" (scanlines are more than half of the beam apart; probe.lines = {lines} shows it whole)")
+            });
             Yes(format!(
-                "speckle of {:.2} by {:.2} by {:.2} mm{}: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
+                "speckle of {:.2} by {:.2} by {:.2} mm{}{}: lattice {:.2} mm, {} sub-planes, {} fine scanlines to one",
                 spread.axial_mm,
                 spread.lateral_mm,
                 spread.elevational_mm,
                 longer.unwrap_or_default(),
+                wider.unwrap_or_default(),
                 derived.lattice_mm,
                 derived.planes.len(),
                 derived.oversampling
