@@ -161,7 +161,9 @@ fn clutter_stands_still_and_fades() {
         ring_down_db: -200.0,
     };
     const SEEDS: u64 = 60;
-    let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
+    let mut probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
+    // Pulses of one frequency, whose loss grows with depth evenly.
+    probe.aperture.bandwidth = Some(0.05);
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.receiver = Some(receiver);
     for attenuates in [false, true] {

@@ -147,6 +147,8 @@ fn without_a_curve_grey_is_the_amplitude() {
 fn greys(anatomy: &insonify_imaging::synth::tables::Anatomy, receiver: Option<Receiver>, tone: Tone) -> Vec<f64> {
     let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 30.0 }), 96.0, 24, 192);
     let mut settings = scene::settings(probe, scene::bare());
+    // Pulses of one frequency, whose loss grows with depth evenly.
+    settings.probe.aperture.bandwidth = Some(0.05);
     settings.effects.shadow = Some(Shadow::default());
     settings.effects.receiver = receiver;
     settings.effects.tone = Some(tone);

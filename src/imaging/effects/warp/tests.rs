@@ -12,12 +12,12 @@ use insonify_tracking::probe::{Curvilinear, Linear, Phased, ProbeShape, TrusTran
 const LOW: [f64; 3] = [-50.0, 5.0, -30.0];
 const HIGH: [f64; 3] = [50.0, 90.0, 30.0];
 
-/// Tables of 24 scanlines of 96 samples over a mesh of about `nodes` nodes.
+/// Tables of 120 scanlines of 96 samples over a mesh of about `nodes` nodes.
 fn tables(shape: ProbeShape, nodes: usize) -> Tables {
     let (mut anatomy, mut settings, _) = anatomies::two_layers();
     anatomy.mesh = Some(std::sync::Arc::new(TetMesh::over_box(LOW, HIGH, nodes).unwrap()));
     settings.probe.shape = shape;
-    (settings.probe.lines, settings.probe.samples, settings.probe.depth_mm) = (24, 96, 100.0);
+    (settings.probe.lines, settings.probe.samples, settings.probe.depth_mm) = (120, 96, 100.0);
     Tables::new(anatomy, settings).unwrap()
 }
 
