@@ -137,7 +137,7 @@ impl PointSpread {
         if self.focal_zone_mm.is_some() {
             return main;
         }
-        let lobes = self.beam.lobes_at(depth_mm, aside_mm);
+        let lobes = self.beam.lobes_at(depth_mm, aside_mm.abs());
         let beyond = (lobes * lobes - main * main).max(0.0);
         // Its mean square over a length is that of the envelope.
         main + (2.0 * beyond).sqrt() * (PI * aside_mm / self.beam.at(depth_mm).point_mm).cos()
@@ -202,6 +202,9 @@ mod tests {
                 let lobe_db = 20.0 * none.beam.lobes_at(depth_mm, aside_mm).log10();
                 assert!((lobe_db - db).abs() < 6.0, "{lobe_db} dB {aside_mm} mm aside, not {db}");
                 assert!(hann.beam.lobes_at(depth_mm, aside_mm) < 0.01);
+                let shape = Shape::new(1.0, 1.0, 0.0);
+                let [left, right] = [-aside_mm, aside_mm].map(|mm| none.across(&shape, depth_mm, mm));
+                assert!(left == right && left != 0.0, "{left} {right}");
             }
         }
     }
