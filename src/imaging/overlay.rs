@@ -5,8 +5,7 @@ use image::{Rgb, RgbImage};
 use nalgebra::{Matrix4, Point3};
 
 use super::canvas::{self, Colour, Point};
-use crate::effects::point_spread::PointSpread;
-use crate::effects::shadow::Attenuation;
+use crate::effects::point_spread::{Attenuation, PointSpread};
 use crate::effects::tone::Tone;
 use crate::synth::tables::Tables;
 

@@ -210,7 +210,7 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "input/scenario/guidance.rs",
-        &["shadow", "thickness"],
+        &["shadow"],
         "whether an image would show a target, without making one",
     ),
     (
@@ -219,19 +219,14 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "the point spread is stated with the speckle, and lengthens as pulses are attenuated",
     ),
     (
-        "imaging/effects/point_spread/beam.rs",
-        &["shadow"],
-        "the beam widens as pulses are attenuated",
-    ),
-    (
         "imaging/effects/thickness.rs",
-        &["shadow", "slice", "speckle"],
+        &["slice", "speckle"],
         "reads labels as they are sliced, as far from the plane as the point spread is wide",
     ),
     (
         "imaging/effects/speckle.rs",
-        &["interface", "needle", "shadow"],
-        "adds their echoes before the point spread, which lengthens as pulses are attenuated",
+        &["interface", "needle"],
+        "adds their echoes before the point spread",
     ),
     (
         "imaging/effects/interface.rs",
@@ -270,11 +265,6 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "compensates for attenuation down to the noise",
     ),
     ("imaging/effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
-    (
-        "imaging/synth/tables.rs",
-        &["thickness"],
-        "sub-planes are part of the grid of all passes",
-    ),
     (
         "imaging/overlay.rs",
         &["speckle", "tone"],

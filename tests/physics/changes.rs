@@ -328,6 +328,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "ApertureWeights",
                 "Clutter",
                 "LabelRows",
+                "SubPlanes",
             ],
         ),
         (
@@ -372,6 +373,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "Clutter",
                 "Gain",
                 "LabelRows",
+                "SubPlanes",
             ],
         ),
     ];

@@ -75,9 +75,9 @@ fn what_is_seldom_meant_is_doubted_and_what_is_near_is_not() {
         (
             "[probe]\nfrequency_mhz = 50".to_owned(),
             &[
-                "soft tissue takes 750 dB from an echo of 150 mm",
+                "soft tissue takes 392 dB from an echo of 150 mm",
                 "at 50 MHz",
-                "below 26 mm",
+                "below 46 mm",
             ],
             "[probe]\nfrequency_mhz = 8".to_owned(),
         ),

@@ -3,6 +3,7 @@
 use std::collections::BTreeSet;
 use std::path::Path;
 
+use insonify_imaging::effects::parameters::Thickness;
 use insonify_imaging::effects::table::Stated;
 use insonify_imaging::effects::{Effects, EffectsTable};
 use insonify_imaging::scene::{DEFAULT, SceneFile, schema};
@@ -62,7 +63,10 @@ fn every_key_shown_in_a_comment_is_one() {
     assert_eq!(
         (effects.thickness, effects.noise),
         (
-            Some(Stated::With(Default::default())),
+            Some(Stated::With(Thickness {
+                width_mm: Some(2.0),
+                ..Thickness::default()
+            })),
             Some(Stated::With(Default::default()))
         )
     );

@@ -16,7 +16,7 @@ use beam::Beam;
 pub(crate) use profile::Profile;
 pub(crate) use shape::Shape;
 
-use super::shadow::Attenuation;
+pub use super::shadow::Attenuation;
 use super::speckle::Speckle;
 use insonify_tracking::probe::{Probe, Transducer};
 

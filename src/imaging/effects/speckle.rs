@@ -36,8 +36,7 @@ pub use tables::SpeckleTables;
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
 use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
-use super::point_spread::PointSpread;
-use super::shadow::Attenuation;
+use super::point_spread::{Attenuation, PointSpread};
 use super::{
     Effect, EffectTables, Parameters, Stage,
     Wanted::{self, No, Yes},

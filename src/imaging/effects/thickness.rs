@@ -23,8 +23,7 @@ use glam::Vec4;
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, POSITION, VOXELS, bytes_of};
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
-use super::point_spread::{PointSpread, Profile};
-use super::shadow::Attenuation;
+use super::point_spread::{Attenuation, PointSpread, Profile};
 use super::slice::{BLOCK, Beyond, Cell, LabelReader};
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,

@@ -11,8 +11,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use nalgebra::Complex;
 
+use super::Attenuation;
 use super::profile::Profile;
-use crate::effects::shadow::Attenuation;
 use insonify_base::parallel;
 use insonify_tracking::probe::{Apodisation, Transducer};
 

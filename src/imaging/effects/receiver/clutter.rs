@@ -241,7 +241,7 @@ fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::effects::shadow::Attenuation;
+    use crate::effects::point_spread::Attenuation;
     use crate::effects::speckle::Speckle;
     use insonify_tracking::probe::{Linear, Probe};
 
