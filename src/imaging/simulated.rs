@@ -9,7 +9,8 @@ use insonify_tracking::probe::{Aperture, Apodisation, Curvilinear, Linear, Probe
 
 /// Depth, lateral length around a point with Hann weights and with equal ones, and elevational length, under the linear
 /// array.
-pub const LINEAR_POINTS: [[f64; 4]; 6] = [
+#[cfg(test)]
+pub(crate) const LINEAR_POINTS: [[f64; 4]; 6] = [
     [10.0, 0.682, 0.428, 1.583],
     [15.0, 0.748, 0.446, 0.595],
     [20.0, 0.477, 0.350, 0.806],
@@ -19,7 +20,8 @@ pub const LINEAR_POINTS: [[f64; 4]; 6] = [
 ];
 
 /// The same under the curved array.
-pub const CURVED_POINTS: [[f64; 4]; 6] = [
+#[cfg(test)]
+pub(crate) const CURVED_POINTS: [[f64; 4]; 6] = [
     [30.0, 1.714, 1.080, 5.608],
     [50.0, 1.844, 1.126, 1.523],
     [70.0, 1.277, 0.989, 2.224],
@@ -29,7 +31,8 @@ pub const CURVED_POINTS: [[f64; 4]; 6] = [
 ];
 
 /// Depth, lateral length in speckle with Hann weights and with equal ones, under the linear array.
-pub const LINEAR_SPECKLE: [[f64; 3]; 5] = [
+#[cfg(test)]
+pub(crate) const LINEAR_SPECKLE: [[f64; 3]; 5] = [
     [12.0, 0.6821, 0.3335],
     [18.0, 0.5333, 0.3219],
     [24.0, 0.5062, 0.3280],

@@ -9,6 +9,7 @@ use nalgebra::{Matrix4, Point3, Vector4};
 
 use insonify_imaging::effects::buffers::AMPLITUDE;
 use insonify_imaging::effects::pass::Pass;
+use insonify_imaging::effects::shadow::downshift::Downshift;
 use insonify_imaging::effects::shadow::{UNITS_PER_DB, transmittance};
 use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::effects::tone::auto_gain::{self, AutoGain};
@@ -245,17 +246,20 @@ fn shadow_report(tables: &Tables, beam: &Beam, line: usize, sample: usize) -> Op
     };
     let shadow = tables.settings.effects.shadow.as_ref();
     let needle_db_mm = shadow.map_or(0.0, |shadow| shadow.needle_db_mm);
+    let downshift = Downshift::new(tables.settings.probe.transducer().bandwidth);
+    let mut above_db = 0.0;
     for crossed in 0..=sample {
         // Only half of a sample's own loss lies before its centre.
         let share = if crossed == sample { 0.5 } else { 1.0 };
         let mm = share * tables.sample_mm();
         let label = beam.label.get(start + crossed).copied().unwrap_or(0);
-        let loss_units = tables.label_rows.get(usize::from(label)).map_or(0, |row| row.loss);
-        add_loss(
-            &tables.anatomy.tissues.tissue(label).name,
-            mm,
-            share * f64::from(loss_units) / UNITS_PER_DB,
-        );
+        let row = tables.label_rows.get(usize::from(label)).copied().unwrap_or_default();
+        let [attenuation_db, all_db] = [row.attenuation, row.loss].map(|units| share * f64::from(units) / UNITS_PER_DB);
+        // What a pulse feels of it, after what it has lost.
+        let before_db = downshift.felt_db(above_db);
+        above_db += attenuation_db;
+        let felt_db = downshift.felt_db(above_db) - before_db + all_db - attenuation_db;
+        add_loss(&tables.anatomy.tissues.tissue(label).name, mm, felt_db);
         if let Some(&fill) = beam.needle.get(start + crossed).filter(|&&fill| fill > 0.0) {
             let shade = beam.shade.get(start + crossed).copied().unwrap_or(0.0);
             add_loss("needle", mm * fill, mm * shade * needle_db_mm);

@@ -4,6 +4,7 @@ use super::*;
 use insonify_imaging::anatomies::{self, Acoustics, Frame, SILENT};
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
+use insonify_imaging::effects::shadow::downshift::Downshift;
 use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::effects::table::Stated;
 use insonify_imaging::effects::tone::Tone;
@@ -124,14 +125,15 @@ fn lateral_at(result: &Match, depth_mm: f64) -> f64 {
     value(result, ".lateral_mm") * zones.hypot(1.0)
 }
 
-/// Returns the gain at a depth in the scene found, without the compensation of average tissue, dB.
+/// Returns the gain at a depth in the scene found, without what compensates for average tissue, dB.
 fn gain_at(result: &Match, depth_mm: f64) -> f64 {
     let scene: SceneFile = toml::from_str(&result.scene).unwrap();
-    let Some(Stated::With(mut tone)) = scene.effects.unwrap().tone else {
+    let Some(Stated::With(tone)) = scene.effects.unwrap().tone else {
         panic!("{}", result.scene);
     };
-    tone.tgc_db_cm = Some(0.0);
-    tone.gain_at_db(depth_mm, 0.0, None)
+    let mhz = scene.probe.unwrap().sampling.frequency_mhz.unwrap();
+    let lost_db = Downshift::new(0.6).felt_db(2.0 * SOFT_TISSUE_DB_CM_MHZ * mhz * depth_mm / 10.0);
+    tone.gain_at_db(depth_mm, 0.0, None) - lost_db
 }
 
 /// Returns the relative errors of dynamic range, axial length and lateral length, and the error of the gain in dB; the
