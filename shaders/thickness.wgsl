@@ -1,15 +1,15 @@
 // Power average over the tissues beside the plane. Twin of src/imaging/effects/thickness.rs.
-#import labels
+#import voxels
 
 struct Params {
     world_to_index: array<vec4<f32>, 3>,
     elevation: vec4<f32>,
     size: vec3<u32>,
-    boundary: u32,
+    carries_at: u32,
     mirrored: u32,
     samples: u32,
     on_side: u32,
-    carries_at: u32,
+    unused: u32,
 }
 
 const NONE: u32 = 0xffffffffu;
@@ -26,7 +26,13 @@ const NONE: u32 = 0xffffffffu;
 
 // Power of the echo of a sub-plane at a place, if that of the plane has a label and a power.
 fn power_at(place: vec3<f32>, label: u32, power: f32) -> f32 {
-    let other = label_at(place);
+    let m = params.world_to_index;
+    let p = vec4<f32>(place, 1.0);
+    let within = place_within(vec3<f32>(dot(m[0], p), dot(m[1], p), dot(m[2], p)) + 0.5, params.size, params.mirrored);
+    var other = 0u;
+    if within.known {
+        other = voxel(vec3<i32>(within.shifted), params.size);
+    }
     if other == label {
         return power;
     }

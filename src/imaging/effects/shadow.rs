@@ -169,7 +169,11 @@ pub(crate) const EFFECT: Effect = Effect {
     extra_bytes: |settings, samples| {
         let shadow = settings.effects.shadow.as_ref();
         let opens = shadow.is_some_and(|shadow| shadow.f_number != Some(0.0));
-        if opens { 4 * aperture::RAYS as u64 * samples } else { 0 }
+        if opens {
+            4 * (aperture::RAYS as u64 + 3) * samples
+        } else {
+            0
+        }
     },
     remove: Some(|_, settings| settings.effects.shadow = None),
     ..Effect::PLAIN
@@ -265,8 +269,14 @@ fn rays_of_beam(tables: &Tables) -> usize {
 columns! {
     /// Vectors of the shadow.
     pub struct Columns<T> {
-        /// Data of `THROUGH`.
+        /// Per ray, sample depth and scanline: what `THROUGH` holds.
         through: [T; rays_of_beam] = T::zero(), THROUGH;
+        /// Losses by attenuation, then others, of each sample depth across the scanlines.
+        losses: [u32; |tables| 2 * beam(tables)] = 0, THROUGH;
+        /// Per ray: losses of the rays of all elements, by attenuation, then others, down to a sample.
+        above: [u32; |tables| 2 * aperture::RAYS * tables.lines()] = 0, THROUGH;
+        /// Transmittances of each sample depth across the scanlines.
+        across: [T; beam] = T::zero(), THROUGH;
         /// Data of `REFLECTORS`.
         reflectors: [u32; Tables::lines] = 0, REFLECTORS;
     }

@@ -219,14 +219,44 @@ struct Scanline<'a, T> {
 impl<T: Real> Kernel for Scanline<'_, T> {
     type Output = ();
 
+    // Voxel indices of a block of samples in vector registers, then their labels one by one.
     #[inline(always)]
     fn run(self) {
+        let Self { reader, echo, .. } = self;
         let mut cell = Cell::default();
-        let rows = self.positions.chunks(BLOCK).zip(self.labels.chunks_mut(BLOCK));
-        for ((positions, labels), amplitudes) in rows.zip(self.amplitudes.chunks_mut(BLOCK)) {
-            self.reader.read(positions, &mut cell, labels);
+        for start in (0..self.labels.len()).step_by(BLOCK) {
+            let end = self.labels.len().min(start + BLOCK);
+            let positions = &self.positions[start..end];
+            let labels = &mut self.labels[start..end];
+            let amplitudes = &mut self.amplitudes[start..end];
+            let mut shifted = [[T::zero(); BLOCK]; 3];
+            let mut base = [[0; BLOCK]; 3];
+            let mut is_inside = [true; BLOCK];
+            for axis in 0..3 {
+                let row = reader.world_to_index[axis];
+                let size = T::from_signed(reader.size[axis] as i32);
+                for (i, position) in positions.iter().enumerate() {
+                    let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
+                    let x = index + T::of(0.5);
+                    shifted[axis][i] = x;
+                    // Not of `index`: a single position is read from its shifted form alone, and both must
+                    // round alike.
+                    base[axis][i] = floor(x - T::of(0.5));
+                    is_inside[i] &= x >= T::zero() && x < size;
+                }
+            }
+            for (i, label) in labels.iter_mut().enumerate() {
+                let position = [shifted[0][i], shifted[1][i], shifted[2][i]];
+                *label = if positions[i][3] == T::one() {
+                    0
+                } else if is_inside[i] {
+                    reader.inside(position, [base[0][i], base[1][i], base[2][i]], &mut cell)
+                } else {
+                    reader.beyond(position, &mut cell)
+                };
+            }
             for i in 0..labels.len() {
-                amplitudes[i] = self.echo[usize::from(labels[i])];
+                amplitudes[i] = echo[usize::from(labels[i])];
             }
         }
     }
@@ -245,7 +275,7 @@ pub(crate) const BLOCK: usize = 64;
 const TOGETHER: usize = 4;
 
 /// Cache of the voxels around the last sample.
-pub(crate) struct Cell<T> {
+struct Cell<T> {
     base: [i32; 3],
     /// Labels of the eight voxels around it; bits 0, 1, 2 of their number step along x, y, z.
     labels: [u8; 8],
@@ -295,37 +325,6 @@ impl<'a, T: Real> LabelReader<'a, T> {
             world_to_index: rows(tables.volume.world_to_index()),
             boundary: tables.settings.effects.slice.boundary,
             mirrored: tables.settings.effects.slice.beyond == Beyond::Continue,
-        }
-    }
-
-    /// Labels at up to [`BLOCK`] positions with their flags: voxel indices in vector registers, then labels one by one.
-    #[inline(always)]
-    pub(crate) fn read(&self, positions: &[[T; 4]], cell: &mut Cell<T>, labels: &mut [u8]) {
-        let mut shifted = [[T::zero(); BLOCK]; 3];
-        let mut base = [[0; BLOCK]; 3];
-        let mut is_inside = [true; BLOCK];
-        for axis in 0..3 {
-            let row = self.world_to_index[axis];
-            let size = T::from_signed(self.size[axis] as i32);
-            for (i, position) in positions.iter().enumerate() {
-                let index = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3];
-                let x = index + T::of(0.5);
-                shifted[axis][i] = x;
-                // Not of `index`: a single position is read from its shifted form alone, and both must
-                // round alike.
-                base[axis][i] = floor(x - T::of(0.5));
-                is_inside[i] &= x >= T::zero() && x < size;
-            }
-        }
-        for (i, label) in labels.iter_mut().enumerate() {
-            let position = [shifted[0][i], shifted[1][i], shifted[2][i]];
-            *label = if positions[i][3] == T::one() {
-                0
-            } else if is_inside[i] {
-                self.inside(position, [base[0][i], base[1][i], base[2][i]], cell)
-            } else {
-                self.beyond(position, cell)
-            };
         }
     }
 
@@ -394,6 +393,34 @@ impl<'a, T: Real> LabelReader<'a, T> {
     #[inline(always)]
     fn holds(&self, shifted: [T; 3]) -> bool {
         (0..3).all(|axis| shifted[axis] >= T::zero() && shifted[axis] < T::from_signed(self.size[axis] as i32))
+    }
+
+    /// Labels of the voxels nearest to places in voxels from the corner of the first, as many as there are labels.
+    #[inline(always)]
+    pub(crate) fn nearest_to(&self, shifted: &[[T; BLOCK]; 3], labels: &mut [u8]) {
+        let mut voxel = [[0; BLOCK]; 3];
+        let mut is_inside = [true; BLOCK];
+        for axis in 0..3 {
+            let size = T::from_signed(self.size[axis] as i32);
+            for i in 0..BLOCK {
+                let x = shifted[axis][i];
+                voxel[axis][i] = x.truncate();
+                is_inside[i] &= x >= T::zero() && x < size;
+            }
+        }
+        for (i, label) in labels.iter_mut().enumerate() {
+            *label = if is_inside[i] {
+                let [x, y, z] = [voxel[0][i], voxel[1][i], voxel[2][i]].map(|index| index as usize);
+                self.voxels[x + self.size[0] * (y + self.size[1] * z)]
+            } else {
+                self.nearest_beyond([shifted[0][i], shifted[1][i], shifted[2][i]])
+            };
+        }
+    }
+
+    #[inline(never)]
+    fn nearest_beyond(&self, shifted: [T; 3]) -> u8 {
+        self.within(shifted).map_or(0, |(shifted, _)| self.nearest(shifted))
     }
 
     #[inline(always)]

@@ -1,6 +1,6 @@
 //! Thickness: the tissues that the beam meets beside the scan plane, as far as it is wide across the plane.
 //!
-//! Labels are read on parallel sub-planes, nearer where the beam is narrow. Scatterers of different sub-planes are
+//! Labels of the nearest voxels are read on parallel sub-planes, nearer where the beam is narrow. Scatterers of different sub-planes are
 //! incoherent: power is averaged, weighted by the energy of the beam around each. Where a sub-plane has the label of the
 //! plane its echo is that of the plane, elsewhere that of its tissue without texture. By default the width of the beam
 //! follows from the elements and the lens of the probe at every depth. Shadows and speckle are those of the plane.
@@ -24,7 +24,7 @@ use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, POSITION, 
 use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread, Profile};
-use super::slice::{BLOCK, Beyond, Cell, LabelReader};
+use super::slice::{BLOCK, Beyond, LabelReader};
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -244,16 +244,16 @@ block! {
         elevation: Vec4,
         /// Voxels along each axis.
         size: [u32; 3],
-        /// 2 to smooth, 1 to vote, 0 for the nearest voxel.
-        boundary: u32,
+        /// Offset of the world-to-reference maps of the deformed elements, in vec4.
+        carries_at: u32,
         /// 1 to continue the body beyond the volume.
         mirrored: u32,
         /// Samples along a scanline.
         samples: u32,
         /// Sub-planes on either side.
         on_side: u32,
-        /// Offset of the world-to-reference maps of the deformed elements, in vec4.
-        carries_at: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
     }
 }
 
@@ -265,11 +265,11 @@ fn params(view: &View, _: Band) -> ParamBlock {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         elevation: Vec4::new(x, y, z, 0.0),
         size: tables.volume.size().map(|n| n as u32),
-        boundary: slice.boundary as u32,
         mirrored: u32::from(slice.beyond == Beyond::Continue),
         samples: tables.samples() as u32,
         on_side: tables.effects.thickness.on_side as u32,
         carries_at: view.slab.map_or(0, |slab| slab.maps_at[2]),
+        unused: 0,
     })
 }
 
@@ -334,17 +334,28 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     fn run(self) {
         let samples = self.labels.len();
         let rows = self.planes.rows.of::<T>();
-        let mut cell = Cell::default();
+        let to_index = self.reader.rows();
         let blocks = self.positions.chunks(BLOCK).zip(self.labels.chunks(BLOCK));
         for (block, ((positions, labels), amplitudes)) in blocks.zip(self.amplitudes.chunks_mut(BLOCK)).enumerate() {
             let start = block * BLOCK;
             let row = |row: usize| &rows[row * samples + start..][..labels.len()];
-            let mut away = [self.elevation; BLOCK];
+            // Places in the plane and directions away from it, in voxels.
+            let mut places = [[T::zero(); BLOCK]; 3];
+            for axis in 0..3 {
+                let row = to_index[axis];
+                for (place, position) in places[axis].iter_mut().zip(positions) {
+                    *place = row[0] * position[0] + row[1] * position[1] + row[2] * position[2] + row[3] + T::of(0.5);
+                }
+            }
+            let turned = |[x, y, z]: [T; 3]| map(*to_index, |row| row[0] * x + row[1] * y + row[2] * z);
+            let straight = turned(self.elevation);
+            let mut away = map(straight, |along| [along; BLOCK]);
             if let Some((carries, elements)) = self.deformed {
                 let [x, y, z] = self.elevation;
-                for (away, slot) in away.iter_mut().zip(&elements[start..]) {
+                for (i, slot) in elements[start..].iter().take(labels.len()).enumerate() {
                     if *slot != NO_ELEMENT {
-                        *away = map(carries[*slot as usize], |row| row[0] * x + row[1] * y + row[2] * z);
+                        let carried = map(carries[*slot as usize], |row| row[0] * x + row[1] * y + row[2] * z);
+                        (0..3).for_each(|axis| away[axis][i] = turned(carried)[axis]);
                     }
                 }
             }
@@ -356,24 +367,24 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                 let pair = 1 + number / 2 * 2;
                 let (distances, weights) = (row(pair), row(pair + 1));
                 let side = if number % 2 == 0 { T::one() } else { -T::one() };
-                let mut beside = [[T::zero(); 4]; BLOCK];
-                for (i, position) in positions.iter().enumerate() {
-                    let distance = side * distances[i];
-                    let [x, y, z] = away[i];
-                    beside[i] = [
-                        position[0] + distance * x,
-                        position[1] + distance * y,
-                        position[2] + distance * z,
-                        position[3],
-                    ];
+                let mut beside = places;
+                for axis in 0..3 {
+                    for (i, distance) in distances.iter().enumerate() {
+                        beside[axis][i] += side * *distance * away[axis][i];
+                    }
                 }
                 let mut others = [0; BLOCK];
-                self.reader
-                    .read(&beside[..labels.len()], &mut cell, &mut others[..labels.len()]);
+                self.reader.nearest_to(&beside, &mut others[..labels.len()]);
                 for (i, weight) in weights.iter().enumerate() {
                     let other = self.echo[usize::from(others[i])];
                     let amplitude = if others[i] == labels[i] { amplitudes[i] } else { other };
                     power[i] += *weight * amplitude * amplitude;
+                }
+            }
+            // Background where tissue has moved away is background beside the plane, too.
+            for (power, (position, amplitude)) in power.iter_mut().zip(positions.iter().zip(&*amplitudes)) {
+                if position[3] == T::one() {
+                    *power = *amplitude * *amplitude;
                 }
             }
             for (amplitude, power) in amplitudes.iter_mut().zip(power) {

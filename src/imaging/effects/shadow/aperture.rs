@@ -13,7 +13,8 @@
 
 use std::ops::Range;
 
-use super::{Shadow, Sums, exponent_per_unit, needle_units, one_way, shaded};
+use super::downshift::felt;
+use super::{Columns, MAX_UNITS, Shadow, exponent_per_unit, needle_units, one_way, shaded};
 use crate::effects::lateral::BLOCK;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
@@ -47,8 +48,6 @@ pub struct Aperture {
     pub weights: Numbers,
     /// Per sample: scanlines between neighbouring rays that crossed at [`CROSSING`].
     pub apart: Vec<f64>,
-    /// Per distance from the middle ray: ranges of samples on which a ray stays on a scanline, none across [`BLOCK`]s.
-    runs: Vec<Vec<Range<usize>>>,
 }
 
 /// Courses of the rays between the array and a depth.
@@ -169,21 +168,10 @@ impl Aperture {
                 }
             }
         }
-        let runs = shifts.chunks(samples).map(|row| {
-            let mut runs: Vec<Range<usize>> = Vec::new();
-            for (sample, shift) in row.iter().enumerate() {
-                match runs.last_mut() {
-                    Some(run) if row[run.start] == *shift && sample % BLOCK > 0 => run.end += 1,
-                    _ => runs.push(sample..sample + 1),
-                }
-            }
-            runs
-        });
         let shift = |depth_mm: f64| fan.shift(step, depth_mm, grid);
         let crossing_mm = CROSSING * grid.depth_mm();
         let apart = |sample: usize| shift(grid.sample_depth_mm(sample).max(crossing_mm)) - shift(crossing_mm);
         Self {
-            runs: runs.collect(),
             weights: Numbers::new(rows),
             apart: (0..samples).map(apart).collect(),
             shifts,
@@ -215,48 +203,76 @@ impl Aperture {
         [&rows[..samples], &rows[samples..2 * samples]]
     }
 
-    /// Runs of a ray in the block that begins at a sample.
-    fn runs(&self, ray: usize, start: usize) -> impl Iterator<Item = &Range<usize>> {
-        let runs = &self.runs[ray.abs_diff(SIDE)];
-        let first = runs.partition_point(|run| run.start < start);
-        runs[first..].iter().take_while(move |run| run.start < start + BLOCK)
+    /// Scanlines on which rays of elements are at a sample.
+    fn inside(&self, [ray, sample]: [usize; 2], lines: usize) -> Range<usize> {
+        let shift = self.shift(ray, sample);
+        let ends = [shift, lines as i64 + shift].map(|line| line.clamp(0, lines as i64) as usize);
+        ends[0]..ends[1]
     }
+
+    /// First element whose ray is on these scanlines, and the one past the last.
+    fn elements(&self, [ray, sample]: [usize; 2], inside: &Range<usize>, lines: usize) -> [usize; 2] {
+        let shift = self.shift(ray, sample);
+        [inside.start, inside.end].map(|line| (line as i64 - shift).clamp(0, lines as i64) as usize)
+    }
+}
+
+/// Losses of the samples, by attenuation and others, each sample depth across the scanlines: the rays of all elements cross
+/// them side by side.
+fn across<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let losses = super::losses_of_labels(tables);
+    let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
+    let (labels, mask) = (&store.label, &store.needle_mask);
+    let (attenuation, others) = store.effects.shadow.losses.split_at_mut(lines * samples);
+    let rows = (0.., chunks_mut(attenuation, lines), chunks_mut(others, lines));
+    for_each(rows, &|(sample, attenuation, others)| {
+        for line in 0..lines {
+            let index = line * samples + sample;
+            let [by_attenuation, other] = losses[usize::from(labels[index])];
+            attenuation[line] = by_attenuation;
+            others[line] = other + needle.map_or(0, |units| shaded(mask[index], units));
+        }
+    });
 }
 
 /// One-way transmittance of each ray of each element, down to each sample.
 pub(super) fn rays<T: Real>(view: &View, store: &mut Store<T>) {
+    across(view, store);
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let losses = super::losses_of_labels(tables);
     let downshift = tables.effects.shadow.downshift.map(T::of);
-    let needle = crate::effects::needle::present(tables).then_some(T::of(f64::from(needle_units(tables))));
-    let (labels, mask) = (&store.label, &store.needle_mask);
-    let rows = chunks_mut(&mut store.effects.shadow.through, samples);
-    for_each((0.., rows), &|(row, through)| {
+    let columns = &mut store.effects.shadow;
+    let losses = columns.losses.split_at(lines * samples);
+    let rays = (
+        0..,
+        chunks_mut(&mut columns.through, lines * samples),
+        chunks_mut(&mut columns.above, 2 * lines),
+    );
+    for_each(rays, &|(ray, through, above)| {
+        above.fill(0);
         T::vectorised(Ray {
             aperture: &tables.effects.shadow.aperture,
-            ray_and_element: [row / lines, row % lines],
-            lines,
-            losses: &losses,
-            needle,
+            ray,
             downshift,
-            labels,
-            mask,
+            losses,
+            above: above.split_at_mut(lines),
             through,
         });
     });
 }
 
-/// A ray of an element.
+/// A ray of every element.
 struct Ray<'a, T> {
     aperture: &'a Aperture,
-    ray_and_element: [usize; 2],
-    lines: usize,
-    losses: &'a [[u32; 2]; 256],
-    needle: Option<T>,
+    ray: usize,
     downshift: [T; 2],
-    labels: &'a [u8],
-    mask: &'a [[T; 2]],
+    /// By attenuation and others, each sample depth across the scanlines.
+    losses: (&'a [u32], &'a [u32]),
+    /// Sums of each element down to the sample.
+    above: (&'a mut [u32], &'a mut [u32]),
+    /// Each sample depth across the scanlines where the rays are; other places are left as they are.
     through: &'a mut [T],
 }
 
@@ -265,52 +281,66 @@ impl<T: Real> Kernel for Ray<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let samples = self.through.len();
-        let [ray, element] = self.ray_and_element;
         let exponent = T::of(0.5 * exponent_per_unit());
-        let mut sums = Sums::default();
-        for (block, through) in self.through.chunks_mut(BLOCK).enumerate() {
-            let start = block * BLOCK;
-            for run in self.aperture.runs(ray, start) {
-                let line = self.aperture.line_at([ray, element, run.start], self.lines);
-                let place = line * samples + run.start..line * samples + run.end;
-                let labels = (run.start - start..).zip(&self.labels[place.clone()]);
-                match self.needle {
-                    None => labels.for_each(|(i, label)| sums.add(i, self.losses[usize::from(*label)])),
-                    Some(units) => labels.zip(&self.mask[place]).for_each(|((i, label), mask)| {
-                        let [attenuation, other] = self.losses[usize::from(*label)];
-                        sums.add(i, [attenuation, other + shaded(*mask, units)]);
-                    }),
+        let lines = self.above.0.len();
+        let rows = self.losses.0.chunks(lines).zip(self.losses.1.chunks(lines));
+        for (sample, ((attenuation, others), through)) in rows.zip(self.through.chunks_mut(lines)).enumerate() {
+            let inside = self.aperture.inside([self.ray, sample], lines);
+            let [first, last] = self.aperture.elements([self.ray, sample], &inside, lines);
+            // Rays beside the image have the losses of its next scanline.
+            for (elements, line) in [(0..first, 0), (last..lines, lines - 1)] {
+                for element in elements {
+                    add(&mut self.above.0[element], attenuation[line]);
+                    add(&mut self.above.1[element], others[line]);
                 }
             }
-            for (i, through) in through.iter_mut().enumerate() {
-                *through = one_way(sums.felt(i, self.downshift), exponent);
+            let above = self.above.0[first..last].iter_mut().zip(&mut self.above.1[first..last]);
+            let own = attenuation[inside.clone()].iter().zip(&others[inside.clone()]);
+            for (((above, above_others), (own, other)), through) in above.zip(own).zip(&mut through[inside]) {
+                let down_to = [
+                    (*above + *own / 2).min(MAX_UNITS),
+                    (*above_others + *other / 2).min(MAX_UNITS),
+                ];
+                *through = one_way(felt(down_to, self.downshift), exponent);
+                add(above, *own);
+                add(above_others, *other);
             }
         }
     }
+}
+
+#[inline(always)]
+fn add(sum: &mut u32, own: u32) {
+    *sum = (*sum + own).min(MAX_UNITS);
 }
 
 /// One-way transmittance of each sample: the root of the product of the means on the way there and back.
 pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let through = &store.effects.shadow.through;
-    let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
-    for_each((0.., scanlines), &|(line, left)| {
+    let Columns { through, across, .. } = &mut store.effects.shadow;
+    for_each((0.., chunks_mut(across, lines)), &|(sample, left)| {
         T::vectorised(Mean {
             aperture: &tables.effects.shadow.aperture,
-            line_and_count: [line, lines],
+            sample,
             through,
             left,
         });
     });
+    let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
+    for_each((0.., scanlines), &|(line, left)| {
+        for (sample, left) in left.iter_mut().enumerate() {
+            *left = across[sample * lines + line];
+        }
+    });
 }
 
-/// The means of a scanline.
+/// The means of a sample depth.
 struct Mean<'a, T> {
     aperture: &'a Aperture,
-    line_and_count: [usize; 2],
+    sample: usize,
     through: &'a [T],
+    /// Across the scanlines.
     left: &'a mut [T],
 }
 
@@ -319,39 +349,28 @@ impl<T: Real> Kernel for Mean<'_, T> {
 
     #[inline(always)]
     fn run(self) {
-        let samples = self.left.len();
-        let [line, lines] = self.line_and_count;
+        let lines = self.left.len();
+        let samples = self.through.len() / (RAYS * lines);
         for (block, left) in self.left.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
+            let end = start + left.len();
             let mut there = [T::zero(); BLOCK];
             let mut back = [T::zero(); BLOCK];
-            let mut missing = [[T::zero(); BLOCK]; 2];
+            let mut present = [[T::zero(); BLOCK]; 2];
             for ray in 0..RAYS {
-                let [transmit, receive] = self.aperture.weights::<T>(ray);
-                for run in self.aperture.runs(ray, start) {
-                    let (transmit, receive) = (&transmit[run.clone()], &receive[run.clone()]);
-                    let first = run.start - start;
-                    if let Some(element) = self.aperture.element_at([ray, line, run.start], lines) {
-                        let through = &self.through[(ray * lines + element) * samples..][run.clone()];
-                        let sums = there[first..].iter_mut().zip(&mut back[first..]);
-                        for (((there, back), through), (to, from)) in
-                            sums.zip(through).zip(transmit.iter().zip(receive))
-                        {
-                            *there += *to * *through;
-                            *back += *from * *through;
-                        }
-                    } else {
-                        for (missing, weights) in missing.iter_mut().zip([transmit, receive]) {
-                            for (missing, weight) in missing[first..].iter_mut().zip(weights) {
-                                *missing += *weight;
-                            }
-                        }
-                    }
+                let [to, from] = self.aperture.weights::<T>(ray).map(|weights| weights[self.sample]);
+                let inside = self.aperture.inside([ray, self.sample], lines);
+                let (first, last) = (inside.start.clamp(start, end), inside.end.clamp(start, end));
+                let through = &self.through[(ray * samples + self.sample) * lines..][first..last];
+                for (i, through) in (first - start..).zip(through) {
+                    there[i] += to * *through;
+                    back[i] += from * *through;
+                    present[0][i] += to;
+                    present[1][i] += from;
                 }
             }
             for (i, left) in left.iter_mut().enumerate() {
-                let present = (T::one() - missing[0][i]) * (T::one() - missing[1][i]);
-                *left = (there[i] * back[i] / present).sqrt();
+                *left = (there[i] * back[i] / (present[0][i] * present[1][i])).sqrt();
             }
         }
     }
@@ -383,14 +402,15 @@ mod tests {
             assert_eq!(aperture.line_at([ray, element, 0], lines), element);
         }
         assert_eq!([element(0, 95, sample), element(RAYS - 1, 5, sample)], [None; 2]);
-        // Every place of a ray's row is in one run, on one scanline.
-        for ray in 0..RAYS {
-            let runs = (0..300).step_by(BLOCK).flat_map(|start| aperture.runs(ray, start));
-            let places: Vec<usize> = runs
-                .inspect(|run| assert_eq!(aperture.shift(ray, run.start), aperture.shift(ray, run.end - 1)))
-                .flat_map(Clone::clone)
-                .collect();
-            assert_eq!(places, (0..300).collect::<Vec<_>>());
+        // Scanlines with a ray are those of an element.
+        for (ray, sample) in (0..RAYS).flat_map(|ray| (0..300).map(move |sample| (ray, sample))) {
+            let inside = aperture.inside([ray, sample], lines);
+            let [first, last] = aperture.elements([ray, sample], &inside, lines);
+            assert_eq!(inside.len(), last - first);
+            for line in 0..lines {
+                let expected = inside.contains(&line).then(|| first + line - inside.start);
+                assert_eq!(element(ray, line, sample), expected, "ray {ray} at {sample}, {line}");
+            }
         }
     }
 

@@ -40,7 +40,12 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
 
 /// Returns the labels possible within rounding at a reference position (with its flag; relative to the local origin)
 /// known to `off` mm.
-pub(crate) fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
+pub(crate) fn possible_labels(tables: &Tables, position: [f64; 4], off: [f64; 3]) -> BTreeSet<u8> {
+    labels_by(tables, position, off, tables.settings.effects.slice.boundary)
+}
+
+/// The same by a rule near boundaries.
+pub(crate) fn labels_by(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [f64; 3], boundary: Boundary) -> BTreeSet<u8> {
     if flag == 1.0 {
         return BTreeSet::from([0]);
     }
@@ -75,7 +80,7 @@ pub(crate) fn possible_labels(tables: &Tables, [x, y, z, flag]: [f64; 4], off: [
             }
         }
     }
-    match tables.settings.effects.slice.boundary {
+    match boundary {
         Boundary::Nearest => nearest(tables, low, high, &mut labels),
         boundary => vote(tables, low, high, boundary, &mut labels),
     }

@@ -3,7 +3,8 @@
 
 use super::elevation;
 use crate::effects::pass::View;
-use crate::effects::slice::bound::possible_labels;
+use crate::effects::slice::Boundary;
+use crate::effects::slice::bound::labels_by;
 use crate::effects::warp::bound as warp;
 use crate::parity::rounding::{ROOT, ULP};
 use crate::parity::{Slack, Step};
@@ -14,8 +15,8 @@ use nalgebra::Vector3;
 const SUM: f64 = 12.0;
 
 /// Rounding error of a position beside the plane, in ULP of its size: distance and direction stored (1), product (1),
-/// sum (1).
-const BESIDE: f64 = 3.0;
+/// sum (1), and as much again where direction and position are turned to voxels before they are added.
+const BESIDE: f64 = 6.0;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
@@ -46,7 +47,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 place[axis] += carried[axis];
                 place_off[axis] += carried_off[axis] + BESIDE * ULP * (position[axis].abs() + carried[axis].abs());
             }
-            let possible = possible_labels(tables, place, place_off);
+            let possible = labels_by(tables, place, place_off, Boundary::Nearest);
             let amplitudes = possible.iter().flat_map(|label| {
                 [step.after, step.twin].into_iter().flat_map(move |beam| {
                     let echo = echoes[usize::from(*label)];
