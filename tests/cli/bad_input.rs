@@ -270,7 +270,7 @@ fn what_the_limits_of_the_process_do_not_hold_is_refused_with_its_bytes() {
     limited("render scene.toml --backend cpu --size 48x40 -o small.png").text();
     limited("render scene.toml --backend cpu --size 8192x8192").fails(
         1,
-        &["8192 x 8192 pixels", "896.2 MiB (939681792 bytes)", "are available"],
+        &["8192 x 8192 pixels", "896.2 MiB (939706368 bytes)", "are available"],
     );
     let header = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 1024 1024 1024\nencoding: raw\ndata file: large.raw\n\n";
     bench.write("large.nhdr", header);
