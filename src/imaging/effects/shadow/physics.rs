@@ -388,7 +388,7 @@ fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend)
 /// cylinder that absorbs 2.5 dB/cm/MHz more than its surroundings, mm.
 const BEHIND_LINEAR: [[f64; 5]; 6] = [
     [18.0, 3.57, 4.53, 5.36, 2.27],
-    [22.0, 3.33, 4.78, 5.92, 3.14],
+    [22.0, 3.33, 4.78, 5.92, 3.139],
     [26.0, 3.13, 5.00, 6.39, 3.84],
     [30.0, 2.97, 5.19, 6.95, 4.40],
     [34.0, 2.82, 5.36, 7.60, 4.97],
