@@ -184,7 +184,7 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Per label index: losses over a sample, units: by attenuation, and all.
     pub losses: Vec<[u32; 2]>,
-    /// [`Downshift::in_units`].
+    /// Share of attenuation that is not felt, per unit of it, and units up to which that share grows.
     pub downshift: [f64; 2],
     /// Kernel of the beam.
     pub penumbra: Option<LateralKernel>,

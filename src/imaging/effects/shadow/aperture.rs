@@ -46,7 +46,7 @@ pub struct Aperture {
     pub shifts: Vec<i32>,
     /// Per distance from the middle ray, a row over the samples each for transmission and reception: weight of the ray.
     pub weights: Numbers,
-    /// Per sample: scanlines between neighbouring rays that crossed at [`CROSSING`].
+    /// Per sample: scanlines between neighbouring rays that crossed at a quarter of the depth of the image.
     pub apart: Vec<f64>,
 }
 
