@@ -53,8 +53,8 @@ parameters! {
         /// Electronic noise before gain, dB relative to the echo of liver at the array, independent in every frame.
         noise_db: f64 = -90.0, in -200..=20;
         /// Acoustic clutter at the array, dB relative to the echo of liver there; it moves with the probe. Default: -16
-        /// where the largest step of impedance between tissues is that of fat on muscle, less where it is smaller, none in a
-        /// phantom of one impedance.
+        /// where the largest step of impedance between tissues is that of fat on muscle, less where it is smaller, none
+        /// in a phantom of one impedance.
         #[serde(skip_serializing_if = "Option::is_none")]
         clutter_db: Option<f64>, in -200..=20;
         /// Decay of the clutter with depth in addition to the attenuation of average soft tissue, dB per cm.
@@ -67,8 +67,8 @@ parameters! {
 /// Clutter at the array of a body whose wall is fat on muscle, dB: that of real frames of abdomens.
 pub const CLUTTER_DB: f64 = -16.0;
 
-/// Reflection coefficient of fat on muscle, of 1.38 and 1.70 MRayl (Szabo, Diagnostic Ultrasound Imaging, 2nd ed., 2014,
-/// appendix B).
+/// Reflection coefficient of fat on muscle, of 1.38 and 1.70 MRayl (Szabo, Diagnostic Ultrasound Imaging, 2nd ed.,
+/// 2014, appendix B).
 const FAT_ON_MUSCLE: f64 = 0.104;
 
 /// Depth over which the amplitude of the ring-down falls to 1/e, mm at 1 MHz: a constant number of periods at every
@@ -173,7 +173,8 @@ pub(crate) struct Key<'a> {
     grid: &'a BeamGrid,
 }
 
-/// Takes parameters, tissues, the point spread, which is stated with the speckle, attenuation, frequency, seed and grid.
+/// Takes parameters, tissues, the point spread, which is stated with the speckle, attenuation, frequency, seed and
+/// grid.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.clone().unwrap_or_default();
     Key {

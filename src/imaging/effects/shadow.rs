@@ -3,14 +3,13 @@
 //! Transmittance is a running product down each scanline, stored as a running sum of losses in fixed-point decibels, so
 //! that it is the same for any grouping of the samples, on the CPU and in a parallel scan. A tissue contributes its
 //! two-way attenuation `2 alpha f` and, if it occludes as bone and gas do, its occlusion per millimetre; the needle
-//! contributes `needle_db_mm` where it fills the scan plane. Attenuation grows with frequency, so that a pulse feels less of
-//! it the more has been lost (`downshift`). A sample is subject to the loss of everything above it and
-//! half its own, so the sum converges to the Beer-Lambert law with the square of the sample distance. In tissues of
-//! different losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`);
-//! they are at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction
-//! of it. In the shadow lie mirror images (`mirror`) and repeats
-//! (`reverberation`) of what is above it. Shadows of bone, air and the needle shaft by casting rays: Zhu et al. 2007,
-//! section 2.4.
+//! contributes `needle_db_mm` where it fills the scan plane. Attenuation grows with frequency, so that a pulse feels
+//! less of it the more has been lost (`downshift`). A sample is subject to the loss of everything above it and half its
+//! own, so the sum converges to the Beer-Lambert law with the square of the sample distance. In tissues of different
+//! losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`); they are
+//! at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction of it. In
+//! the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone, air and
+//! the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
 //!
 //! ```toml
 //! effects.shadow = {}
@@ -65,8 +64,8 @@ parameters! {
         /// Two-way loss in a needle as thick as the beam is wide, dB per mm of it along the beam; proportionally less
         /// for a thinner one.
         needle_db_mm: f64 = 8.0, in 0..=100;
-        /// Full width at half maximum of the beam, mm, which is the least softness of shadow edges; 0 leaves them sharp.
-        /// Default: by depth, the lateral length of the point spread; for the needle 3.
+        /// Full width at half maximum of the beam, mm, which is the least softness of shadow edges; 0 leaves them
+        /// sharp. Default: by depth, the lateral length of the point spread; for the needle 3.
         #[serde(skip_serializing_if = "Option::is_none")]
         beam_mm: Option<f64>, in 0..=20;
         /// F-number on reception, 0.5 or more, by which the edges of shadows widen with depth; 0 casts shadows straight
@@ -202,7 +201,8 @@ pub(crate) type Key<'a> = (
     Option<PointSpread>,
 );
 
-/// Takes parameters, frequency (MHz), grid, tissues, aperture and, if the width of the beam is not stated, point spread.
+/// Takes parameters, frequency (MHz), grid, tissues, aperture and, if the width of the beam is not stated, point
+/// spread.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let probe = &settings.probe;
     let shadow = settings.effects.shadow.as_ref();

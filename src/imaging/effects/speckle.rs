@@ -53,8 +53,8 @@ parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
     /// as measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
     pub struct Speckle {
-        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz, and no less than two
-        /// samples.
+        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz, and no less than
+        /// two samples.
         axial_mm: Option<f64>, in 0.05..=10;
         /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
         /// probe.

@@ -1,9 +1,10 @@
 //! Thickness: the tissues that the beam meets beside the scan plane, as far as it is wide across the plane.
 //!
-//! Labels of the nearest voxels are read on parallel sub-planes, nearer where the beam is narrow. Scatterers of different sub-planes are
-//! incoherent: power is averaged, weighted by the energy of the beam around each. Where a sub-plane has the label of the
-//! plane its echo is that of the plane, elsewhere that of its tissue without texture. By default the width of the beam
-//! follows from the elements and the lens of the probe at every depth. Shadows and speckle are those of the plane.
+//! Labels of the nearest voxels are read on parallel sub-planes, nearer where the beam is narrow. Scatterers of
+//! different sub-planes are incoherent: power is averaged, weighted by the energy of the beam around each. Where a
+//! sub-plane has the label of the plane its echo is that of the plane, elsewhere that of its tissue without texture. By
+//! default the width of the beam follows from the elements and the lens of the probe at every depth. Shadows and
+//! speckle are those of the plane.
 //!
 //! ```toml
 //! effects.thickness = { width_mm = 2.0 }
@@ -61,8 +62,8 @@ impl Parameters for Thickness {
     }
 }
 
-/// Distance of the outermost sub-plane from the plane, in lengths of the amplitude: at most the first, where the profile
-/// of a lens has its shoulder, and less for few of them, which would miss what is near.
+/// Distance of the outermost sub-plane from the plane, in lengths of the amplitude: at most the first, where the
+/// profile of a lens has its shoulder, and less for few of them, which would miss what is near.
 const OUTERMOST: [f64; 2] = [1.6, 0.55];
 
 /// Growth of the distances: nearer sub-planes, which weigh more, lie closer together.
@@ -108,7 +109,8 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Sub-planes of a thickness; empty without one.
 #[derive(Clone, Debug, Default)]
 pub struct Derived {
-    /// Rows over the sample depths: weight of the plane, then distance (mm) and weight of each sub-plane on either side.
+    /// Rows over the sample depths: weight of the plane, then distance (mm) and weight of each sub-plane on either
+    /// side.
     pub rows: Numbers,
     /// Number of sub-planes on either side.
     pub on_side: usize,

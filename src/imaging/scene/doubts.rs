@@ -25,7 +25,8 @@ const SILENT_DB: f64 = 130.0;
 /// Length, over the usual one of the kind, up to which it may be in centimetres.
 const OF_USUAL: f64 = 0.13;
 
-/// Distance behind the tip at which a reversed needle lies in the body, and distance beyond it at which it does not, mm.
+/// Distance behind the tip at which a reversed needle lies in the body, and distance beyond it at which it does not,
+/// mm.
 const WITHIN_MM: f64 = 10.0;
 const BEYOND_MM: f64 = 2.0;
 

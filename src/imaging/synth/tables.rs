@@ -304,8 +304,8 @@ fn image_grid(grid: &BeamGrid, image: &ImageSize) -> Result<ImageGrid, SynthErro
     }
 }
 
-/// Memory of a frame, bytes: map, grey levels and bytes of its pixels, the copy that is returned, a position, an amplitude
-/// and a label per sample, and what effects need besides their buffers.
+/// Memory of a frame, bytes: map, grey levels and bytes of its pixels, the copy that is returned, a position, an
+/// amplitude and a label per sample, and what effects need besides their buffers.
 fn frame_bytes(grid: &BeamGrid, settings: &Settings) -> u64 {
     let samples = (grid.lines() * grid.samples()) as u64;
     let effects: u64 = REGISTRY

@@ -36,8 +36,8 @@ pub struct Guidance {
     pub target: Option<[Point3<f64>; 2]>,
     /// True if the image shows the target: within the sector and the slice thickness, and not shadowed.
     pub shown: bool,
-    /// Distance of the tip from the nearest critical structure at rest, mm, 0 in a step that enters one; `None` if there
-    /// is none within 30 mm of the path.
+    /// Distance of the tip from the nearest critical structure at rest, mm, 0 in a step that enters one; `None` if
+    /// there is none within 30 mm of the path.
     pub clearance_mm: Option<f64>,
 }
 

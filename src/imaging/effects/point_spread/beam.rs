@@ -1,9 +1,9 @@
 //! Beam of a probe: lengths across it by depth, from the waves of its aperture and lens.
 //!
 //! Waves of several frequencies from all elements that act at a depth are added up, on the way there and back: an
-//! element is as wide as [`Transducer::element_mm`] in a soft baffle (A. R. Selfridge et al., Applied Physics Letters 37
-//! (1980) 35), receivers focus at every depth, weights of the elements reach over the f-number and end with the array.
-//! Across the plane the same is added up over the height of the elements, with the lens as a fixed focus.
+//! element is as wide as [`Transducer::element_mm`] in a soft baffle (A. R. Selfridge et al., Applied Physics Letters
+//! 37 (1980) 35), receivers focus at every depth, weights of the elements reach over the f-number and end with the
+//! array. Across the plane the same is added up over the height of the elements, with the lens as a fixed focus.
 
 use std::collections::VecDeque;
 use std::f64::consts::{LN_2, PI, TAU};
@@ -35,7 +35,8 @@ const KEPT: usize = 4;
 /// apodisations, 0.99 to 1.15. Its scatterers are few, and scanlines away from the middle have less of the array.
 const IN_SIMULATION: f64 = 1.06;
 
-/// Start of the side lobes, distance of the points of their envelope, and their farthest end, in lengths around a point.
+/// Start of the side lobes, distance of the points of their envelope, and their farthest end, in lengths around a
+/// point.
 const LOBES: [f64; 3] = [1.25, 0.25, 12.0];
 
 /// Amplitude below which side lobes are left out, relative to the peak: -54 dB.

@@ -217,8 +217,8 @@ impl Aperture {
     }
 }
 
-/// Losses of the samples, by attenuation and others, each sample depth across the scanlines: the rays of all elements cross
-/// them side by side.
+/// Losses of the samples, by attenuation and others, each sample depth across the scanlines: the rays of all elements
+/// cross them side by side.
 fn across<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());

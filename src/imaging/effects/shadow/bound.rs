@@ -63,8 +63,8 @@ fn down(step: &Step, losses: impl Fn(usize) -> [[f64; 2]; 2]) -> Vec<[f64; 2]> {
         });
         let shifting = attenuation[0].min(least_centre_at);
         let spared = unfelt * shifting * (2.0 * attenuation[0] - shifting);
-        // Units converted (1/2), both numbers stored (1), a difference and a sum (2) of up to twice the units, two products;
-        // truncated to whole units.
+        // Units converted (1/2), both numbers stored (1), a difference and a sum (2) of up to twice the units, two
+        // products; truncated to whole units.
         let rounded = 12.0 * ULP * unfelt * shifting * 2.0 * attenuation[0] + if spared > 0.0 { 1.0 } else { 0.0 };
         [
             attenuation[0] - spared.floor() + other[0],

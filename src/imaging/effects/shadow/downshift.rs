@@ -111,7 +111,8 @@ impl Attenuation {
     }
 }
 
-/// What a pulse feels of attenuation and of other losses, both sums of at most [`MAX_UNITS`], by [`Downshift::in_units`].
+/// What a pulse feels of attenuation and of other losses, both sums of at most [`MAX_UNITS`], by
+/// [`Downshift::in_units`].
 #[inline(always)]
 pub(super) fn felt<T: Real>([attenuation, other]: [u32; 2], [per_unit, least_at]: [T; 2]) -> u32 {
     let units = T::from_signed(attenuation as i32);

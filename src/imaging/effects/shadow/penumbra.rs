@@ -2,10 +2,10 @@
 //!
 //! With `t` the one-way transmittance of each scanline, the echo is multiplied by `(sum w t)^2`, where `w` are Gaussian
 //! weights across scanlines of the width of the beam: at the edge of a half plane a quarter of the amplitude. If that
-//! width is not stated, it is the lateral length of the point spread, or where that is more the distance between the rays of
-//! the [`aperture`](super::aperture) past an obstacle, so that they do not show one by one. A sample inside an opaque tissue is seen
-//! only by the part of the beam that its own scanline represents, otherwise bone would appear bright where the beam
-//! passes it.
+//! width is not stated, it is the lateral length of the point spread, or where that is more the distance between the
+//! rays of the [`aperture`](super::aperture) past an obstacle, so that they do not show one by one. A sample inside an
+//! opaque tissue is seen only by the part of the beam that its own scanline represents, otherwise bone would appear
+//! bright where the beam passes it.
 
 use super::aperture::Aperture;
 use super::{Shadow, units};

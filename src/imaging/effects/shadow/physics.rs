@@ -382,10 +382,10 @@ fn half_plane(plate: Acoustics, [beam_mm, f_number]: [f64; 2], backend: Backend)
 }
 
 /// Shadows of a cylinder of 8 mm across the plane by geometry: the share of the transmitting aperture (focus 22 mm,
-/// f/2.5; of the curved array 75 mm, f/3) times that of the receiving one (Hann weights, f/1.5; f/1.75) that sees a point,
-/// summed over 401 straight rays each. Depth, distances from the axis at which the amplitude has risen by 10, 50 and 90 %
-/// of what the shadow takes from it on the axis, and the distance between the first and the last of them behind a
-/// cylinder that absorbs 2.5 dB/cm/MHz more than its surroundings, mm.
+/// f/2.5; of the curved array 75 mm, f/3) times that of the receiving one (Hann weights, f/1.5; f/1.75) that sees a
+/// point, summed over 401 straight rays each. Depth, distances from the axis at which the amplitude has risen by 10, 50
+/// and 90 % of what the shadow takes from it on the axis, and the distance between the first and the last of them
+/// behind a cylinder that absorbs 2.5 dB/cm/MHz more than its surroundings, mm.
 const BEHIND_LINEAR: [[f64; 5]; 6] = [
     [18.0, 3.57, 4.53, 5.36, 2.27],
     [22.0, 3.33, 4.78, 5.92, 3.139],

@@ -174,8 +174,8 @@ impl SpeckleTables {
         }
     }
 
-    /// Gain of the axial kernel in the middle of the image for an echo that extends over `reach_mm` to either side, sampled every `sample_mm`,
-    /// relative to that of a surface.
+    /// Gain of the axial kernel in the middle of the image for an echo that extends over `reach_mm` to either side,
+    /// sampled every `sample_mm`, relative to that of a surface.
     pub(crate) fn thick_gain(&self, reach_mm: f64, sample_mm: f64) -> f64 {
         let taps = 2 * self.axial_reach() + 1;
         let axial = &self.axial.of::<f64>()[self.bands / 2 * taps..][..taps];

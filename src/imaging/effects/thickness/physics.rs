@@ -38,8 +38,8 @@ fn a_constant_is_unchanged() {
 
 #[test]
 fn a_slab_beside_the_plane_adds_its_share_of_the_beam() {
-    // Echo only where z > 0.5 mm, in which all sub-planes of one side lie. Half of the energy of a Gaussian of 4 mm full
-    // width beyond half of the way to the nearest of them, which lies at 2.28 mm.
+    // Echo only where z > 0.5 mm, in which all sub-planes of one side lie. Half of the energy of a Gaussian of 4 mm
+    // full width beyond half of the way to the nearest of them, which lies at 2.28 mm.
     let frame = Frame::around([0.0, 20.0, 0.0], [61, 61, 41], 1.0);
     let anatomy = anatomy::anatomy_from(frame, &[SILENT, SILENT, PLAIN], |p| 1 + u8::from(p[2] > 0.5));
     let energy = |from: f64| -> f64 {

@@ -79,9 +79,9 @@ fn attenuated(record: &mut Record<'_>, synth: &mut Synthesizer, db_cm: f64) -> R
         format!("{db_cm} dB/cm, {backend}: echoes below 0 or above 1"),
         negative as f64,
     );
-    // The loss of each sample is rounded to half a unit, half of its own loss to another; what is not felt of it to a unit
-    // and in single precision; then the capped sum and the rounding of single precision: units stored and multiplied, the exponential at up to 3 + 2 |x| ULP, and its
-    // square.
+    // The loss of each sample is rounded to half a unit, half of its own loss to another; what is not felt of it to a
+    // unit and in single precision; then the capped sum and the rounding of single precision: units stored and
+    // multiplied, the exponential at up to 3 + 2 |x| ULP, and its square.
     let sample_cm = DEPTH_MM / f64::from(LONG_SAMPLES) / 10.0;
     let downshift = Downshift::new(synth.settings().probe.transducer().bandwidth);
     let two_way = |sample: usize| downshift.felt_db((2.0 * db_cm * (sample as f64 + 0.5) * sample_cm).min(2047.0));
