@@ -1,9 +1,9 @@
 //! Measures of a simulation of waves, which point spread, speckle and thickness are held to.
 //!
-//! SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218 (2022) 106726) of two arrays of 128 elements: L11-5v,
-//! 38.4 mm wide at 7.6 MHz, focused at 22 mm, and C5-2v, of 49.57 mm radius at 3.57 MHz, focused at 75 mm. One focused
-//! transmission of 55 % bandwidth per scanline, dynamic receive f-numbers of 1.5 and 1.75. Lengths are full widths at half
-//! maximum, mm.
+//! SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218 (2022) 106726) of two arrays of 128 elements:
+//! L11-5v, 38.4 mm wide at 7.6 MHz, focused at 22 mm, and C5-2v, of 49.57 mm radius at 3.57 MHz, focused at 75 mm. One
+//! focused transmission of 55 % bandwidth per scanline, dynamic receive f-numbers of 1.5 and 1.75. Lengths are full
+//! widths at half maximum, mm.
 
 use insonify_tracking::probe::{Aperture, Apodisation, Curvilinear, Linear, Probe, ProbeShape};
 

@@ -3,8 +3,8 @@
 //!
 //! Of a Gaussian amplitude spectrum of fractional bandwidth `B` at half maximum, attenuation in proportion to frequency
 //! that takes `A` dB at the probe's frequency leaves a Gaussian as wide about `1 - 2 c A` of that frequency, and takes
-//! `A - c A^2` dB of the pulse, with `c = ln 10 / 40 (B / 2.355)^2` (K. A. Dines and A. C. Kak, Ultrasonic Imaging 1 (1979)
-//! 16). Occlusion and needles, which are losses at any frequency, are felt in full.
+//! `A - c A^2` dB of the pulse, with `c = ln 10 / 40 (B / 2.355)^2` (K. A. Dines and A. C. Kak, Ultrasonic Imaging 1
+//! (1979) 16). Occlusion and needles, which are losses at any frequency, are felt in full.
 
 use super::{MAX_UNITS, SOFT_TISSUE_DB_CM_MHZ};
 use crate::effects::buffers::UNITS_PER_DB;
@@ -125,9 +125,9 @@ pub(super) fn felt<T: Real>([attenuation, other]: [u32; 2], [per_unit, least_at]
 mod tests {
     use super::*;
 
-    /// Depth, energy lost and axial length at 0.5 dB/cm/MHz, of pulses from a linear array of 7.6 MHz and a curved one of
-    /// 3.57 MHz: closed form of the spectra of SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218 (2022)
-    /// 106726).
+    /// Depth, energy lost and axial length at 0.5 dB/cm/MHz, of pulses from a linear array of 7.6 MHz and a curved one
+    /// of 3.57 MHz: closed form of the spectra of SIMUS (D. Garcia, Computer Methods and Programs in Biomedicine 218
+    /// (2022) 106726).
     const SIMULATED: [(f64, [[f64; 3]; 4]); 2] = [
         (
             7.6,
