@@ -179,12 +179,14 @@ impl Aperture {
     }
 
     /// Scanline of an element's ray at a sample; beside the image the next in it.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn line_at(&self, [ray, element, sample]: [usize; 3], lines: usize) -> usize {
         let line = element as i64 + self.shift(ray, sample);
         line.clamp(0, lines as i64 - 1) as usize
     }
 
     /// Element whose ray crosses a scanline at a sample; `None` beyond the array.
+    #[cfg(any(test, feature = "analysis"))]
     pub(crate) fn element_at(&self, [ray, line, sample]: [usize; 3], lines: usize) -> Option<usize> {
         let element = line as i64 - self.shift(ray, sample);
         (0..lines as i64).contains(&element).then_some(element as usize)
