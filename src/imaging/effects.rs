@@ -309,8 +309,8 @@ macro_rules! registry {
                 }
             }
 
-            /// Returns every effect with its default parameters, except additive noise, which duplicates what speckle
-            /// does physically.
+            /// Returns the usual effects with their default parameters: all but additive noise, which duplicates what
+            /// speckle does physically, and the blur, which evens speckle out.
             pub fn usual() -> Self {
                 Self {
                     $($name: Setting::usual(),)+
