@@ -9,6 +9,8 @@ struct Params {
     samples: u32,
     // Samples of a pulse.
     length: u32,
+    // Rows of the table of pulses.
+    rows: u32,
     // Depth of the bins before sample 0, samples: a multiple of 64, at least as long as a pulse.
     ahead: u32,
     // Scatterers of a sample, counted over its bins, that this dispatch adds: the first, and how many.
@@ -17,9 +19,9 @@ struct Params {
 }
 
 struct Scatterer {
-    // First sample of the pulse, and the fraction of a sample by which it lies behind it.
+    // First sample of the pulse, and its row of the table, between two rows.
     start: i32,
-    fraction: f32,
+    row: f32,
     line: f32,
     amplitude: f32,
     // Standard deviation of the lateral profile, lines.
@@ -31,12 +33,11 @@ struct Scatterer {
 @group(0) @binding(0) var<storage, read> params: Params;
 @group(0) @binding(1) var<storage, read> scatterers: array<Scatterer>;
 @group(0) @binding(2) var<storage, read> ranges: array<u32>;
-// Rows of a pulse at fractions of a sample.
+// Rows of pulses at fractions of a sample, centre frequency by centre frequency.
 @group(0) @binding(3) var<storage, read> pulse: array<f32>;
 @group(0) @binding(4) var<storage, read_write> out: array<f32>;
 
 const BIN = 64u;
-const PHASES = 128u;
 // Samples that an invocation adds up.
 const OWN = 8u;
 
@@ -72,9 +73,8 @@ fn echoes(@builtin(global_invocation_id) id: vec3<u32>) {
             }
             let away = (f32(line) - it.line) / it.sigma;
             let weight = it.amplitude * exp(-0.5 * away * away);
-            let phase = it.fraction * f32(PHASES);
-            let low = min(u32(phase), PHASES - 1u);
-            let share = phase - f32(low);
+            let low = min(u32(it.row), params.rows - 2u);
+            let share = it.row - f32(low);
             for (var j = 0u; j < OWN; j++) {
                 let k = along + i32(j);
                 if k >= 0 && k < i32(params.length) {

@@ -5,7 +5,6 @@ use std::mem::offset_of;
 
 use insonify_gpu::Access;
 use insonify_imaging::rf::device::{BIN, EchoParams, INVOCATIONS, OWN, SHADER, STORAGE};
-use insonify_imaging::rf::echoes::PHASES;
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{AddressSpace, StorageAccess};
 
@@ -48,7 +47,7 @@ fn the_pass_of_echoes_is_that_declared() {
     ] {
         assert_eq!(members.get(name), Some(&offset), "{name}");
     }
-    for (name, value) in [("BIN", BIN), ("OWN", OWN), ("PHASES", PHASES)] {
+    for (name, value) in [("BIN", BIN), ("OWN", OWN)] {
         assert!(SHADER.contains(&format!("const {name} = {value}u;")), "{name}");
     }
 }

@@ -11,34 +11,48 @@ pub const REACH: f64 = 3.0;
 /// Half length of a pulse, standard deviations.
 const PULSE_REACH: f64 = 4.0;
 /// Fractions of a sample at which the pulse is tabulated; linear between them (error 5e-6 at 8 samples a period).
-pub const PHASES: usize = 128;
+const PHASES: usize = 128;
 
-/// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t).
+/// Number of centre frequencies at which the pulse is tabulated, so that steps are at most 3 %.
+const CENTRES: usize = 16;
+
+/// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t), and what attenuation makes of it: its centre sinks, it lengthens in
+/// the same proportion and keeps its energy.
 #[derive(Clone, Debug)]
 pub struct Pulse {
     half: usize,
-    /// `PHASES + 1` rows of `2 half + 2` samples.
+    /// Interval of the centres, over the frequency of the probe.
+    step: f64,
+    /// For each centre `PHASES + 1` rows of `2 half + 2` samples.
     table: Vec<f32>,
 }
 
 impl Pulse {
-    /// Tabulates the pulse of an acquisition.
-    pub(crate) fn new(acquisition: &Acquisition) -> Self {
+    /// Tabulates the pulses of an acquisition from its frequency down to the `lowest` centre, over that frequency.
+    pub(crate) fn new(acquisition: &Acquisition, lowest: f64) -> Self {
         let Acquisition {
             frequency_mhz,
             sampling_mhz,
             ..
         } = *acquisition;
         let sigma_us = acquisition.sigma_us();
-        let half = (PULSE_REACH * sigma_us * sampling_mhz).ceil() as usize;
+        let half = (PULSE_REACH * sigma_us * sampling_mhz / lowest).ceil() as usize;
+        let (centres, step) = match lowest < 1.0 {
+            true => (CENTRES, (1.0 - lowest) / (CENTRES - 1) as f64),
+            false => (1, f64::INFINITY),
+        };
         let value = |index: usize| {
-            let (phase, sample) = (index / (2 * half + 2), index % (2 * half + 2));
-            let t = (sample as f64 - half as f64 - phase as f64 / PHASES as f64) / sampling_mhz;
-            ((-0.5 * (t / sigma_us).powi(2)).exp() * (std::f64::consts::TAU * frequency_mhz * t).cos()) as f32
+            let (row, sample) = (index / (2 * half + 2), index % (2 * half + 2));
+            let (index, phase) = (row / (PHASES + 1), row % (PHASES + 1));
+            let centre = if index == 0 { 1.0 } else { 1.0 - step * index as f64 };
+            let t = centre * (sample as f64 - half as f64 - phase as f64 / PHASES as f64) / sampling_mhz;
+            let wave = (-0.5 * (t / sigma_us).powi(2)).exp() * (std::f64::consts::TAU * frequency_mhz * t).cos();
+            (centre.sqrt() * wave) as f32
         };
         Self {
             half,
-            table: (0..(PHASES + 1) * (2 * half + 2)).map(value).collect(),
+            step,
+            table: (0..centres * (PHASES + 1) * (2 * half + 2)).map(value).collect(),
         }
     }
 
@@ -47,9 +61,16 @@ impl Pulse {
         2 * self.half + 2
     }
 
-    /// The pulse at `PHASES + 1` fractions of a sample.
+    /// The pulses at `PHASES + 1` fractions of a sample each.
     pub(crate) fn table(&self) -> &[f32] {
         &self.table
+    }
+
+    /// Row of the table for a scatterer, between two rows.
+    pub(crate) fn row(&self, scatterer: &Scatterer) -> f32 {
+        let index = ((1.0 - f64::from(scatterer.centre)) / self.step).round() as usize;
+        let fraction = scatterer.sample - scatterer.sample.floor();
+        (index.min(CENTRES - 1) * (PHASES + 1)) as f32 + fraction as f32 * PHASES as f32
     }
 
     /// Sum of the squares of the samples.
@@ -60,11 +81,10 @@ impl Pulse {
             .sum()
     }
 
-    /// Writes the pulse at a fraction (0 to 1) of a sample behind its middle.
-    fn at<R: Real>(&self, fraction: f32, into: &mut [R]) {
-        let phase = fraction * PHASES as f32;
-        let low = (phase as usize).min(PHASES - 1);
-        let share = R::of(f64::from(phase - low as f32));
+    /// Writes the pulse at a row of the table.
+    fn at<R: Real>(&self, row: f32, into: &mut [R]) {
+        let low = (row as usize).min(self.table.len() / self.length() - 2);
+        let share = R::of(f64::from(row - low as f32));
         let rows = &self.table[low * self.length()..(low + 2) * self.length()];
         let (a, b) = rows.split_at(self.length());
         for ((out, a), b) in into.iter_mut().zip(a).zip(b) {
@@ -85,6 +105,8 @@ pub struct Scatterer {
     pub amplitude: f32,
     /// Standard deviation of the lateral profile, lines.
     pub sigma: f32,
+    /// Centre frequency of its echo over that of the probe.
+    pub centre: f32,
 }
 
 impl Scatterer {
@@ -120,7 +142,7 @@ pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize
             if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
                 continue;
             }
-            pulse.at((scatterer.sample - start) as f32, &mut wave);
+            pulse.at(pulse.row(scatterer), &mut wave);
             let skip = ((-begin).max(0.0) as usize).min(wave.len());
             let begin = begin.max(0.0) as usize;
             let wave = &wave[skip..];

@@ -73,6 +73,7 @@ impl Medium {
                 sample: (z + axial) / sample_mm,
                 amplitude: (normal(item, 4).signum() * (-0.5 * beyond * beyond).exp()) as f32,
                 sigma: LATERAL as f32,
+                centre: 1.0,
             }
         };
         parallel::map(0..count, &scatterer)
@@ -85,9 +86,15 @@ impl Medium {
             sample: z / self.acquisition.sample_mm(),
             amplitude,
             sigma: LATERAL as f32,
+            centre: 1.0,
         };
         let mut beads: Vec<Scatterer> = places_mm.iter().map(bead).collect();
-        echoes(&mut beads, &Pulse::new(&self.acquisition), self.lines, self.samples)
+        echoes(
+            &mut beads,
+            &Pulse::new(&self.acquisition, 1.0),
+            self.lines,
+            self.samples,
+        )
     }
 
     /// Echoes of the medium displaced by a function of depth, with the noise of a number.
@@ -101,7 +108,7 @@ impl Medium {
         let mut scatterers = self.displaced(moved);
         let mut samples: Vec<f32> = echoes(
             &mut scatterers,
-            &Pulse::new(&self.acquisition),
+            &Pulse::new(&self.acquisition, 1.0),
             self.lines,
             self.samples,
         );

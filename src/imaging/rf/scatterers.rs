@@ -113,7 +113,7 @@ impl RfSynthesizer {
                 .map(|label| texture::entry_of(&anatomy, label as u8))
                 .collect(),
             spread: PointSpread::new(&speckle, &settings.probe, Attenuation::of(&anatomy.tissues, &settings)),
-            pulse: Pulse::new(&acquisition),
+            pulse: Pulse::new(&acquisition, lowest_centre(&anatomy, &settings, &acquisition)),
             locator: anatomy.mesh.as_ref().map(|mesh| Locator::new(mesh)),
             reference: nodes.clone(),
             current: nodes,
@@ -209,12 +209,13 @@ impl RfSynthesizer {
                 return None;
             }
             let nearest = line.round().clamp(0.0, last as f64) as usize;
-            let loss = losses[nearest * steps + ((depth_mm / LOSS_MM) as usize).min(steps - 1)];
+            let [left, centre] = losses[nearest * steps + ((depth_mm / LOSS_MM) as usize).min(steps - 1)];
             Some(Scatterer {
                 line: line as f32,
                 sample: depth_mm / sample_mm,
-                amplitude: (unit_echo * f64::from(point.amplitude) * (-0.5 * beyond * beyond).exp()) as f32 * loss,
+                amplitude: (unit_echo * f64::from(point.amplitude) * (-0.5 * beyond * beyond).exp()) as f32 * left,
                 sigma: (spread.lateral_at(depth_mm) / FWHM / grid.lateral_spacing_mm(depth_mm)) as f32,
+                centre,
             })
         });
         let (lines, samples) = (self.lines(), self.samples);
@@ -365,14 +366,15 @@ impl RfSynthesizer {
         points.into_iter().flatten().collect()
     }
 
-    /// Amplitude left at every half millimetre of each line, through the anatomy at rest.
-    fn losses(&self, probe_to_world: &Matrix4<f64>) -> Vec<f32> {
+    /// Amplitude left and centre of the pulse over the frequency of the probe at every half millimetre of each line,
+    /// through the anatomy at rest.
+    fn losses(&self, probe_to_world: &Matrix4<f64>) -> Vec<[f32; 2]> {
         let steps = (self.grid.depth_mm() / LOSS_MM).ceil() as usize + 1;
         let Some(shadow) = &self.settings.effects.shadow else {
-            return vec![1.0; steps * self.lines()];
+            return vec![[1.0; 2]; steps * self.lines()];
         };
         let downshift = Downshift::new(self.acquisition.bandwidth);
-        let lost = |line: usize| -> Vec<f32> {
+        let lost = |line: usize| -> Vec<[f32; 2]> {
             let ray = self.grid.rays()[line];
             let mut sums = [0.0; 2];
             let left = |step: usize| {
@@ -382,7 +384,8 @@ impl RfSynthesizer {
                 let db = self.db_per_mm(shadow, &point).map(|db_mm| db_mm * LOSS_MM);
                 let [attenuation, occlusion] = [0, 1].map(|kind| sums[kind] + 0.5 * db[kind]);
                 (0..2).for_each(|kind| sums[kind] += db[kind]);
-                10_f64.powf(-(downshift.felt_db(attenuation) + occlusion) / 20.0) as f32
+                let left = 10_f64.powf(-(downshift.felt_db(attenuation) + occlusion) / 20.0);
+                [left, downshift.centre(attenuation)].map(|value| value as f32)
             };
             (0..steps).map(left).collect()
         };
@@ -411,4 +414,14 @@ impl RfSynthesizer {
             }
         });
     }
+}
+
+/// Lowest centre of a pulse in an image over the frequency of the probe: behind the tissue that attenuates most.
+fn lowest_centre(anatomy: &Anatomy, settings: &Settings, acquisition: &Acquisition) -> f64 {
+    let Some(shadow) = &settings.effects.shadow else {
+        return 1.0;
+    };
+    let labels = 0..anatomy.volume.labels().len();
+    let db_mm = labels.map(|label| shadow.db_per_mm(anatomy.tissues.tissue(label as u8), acquisition.frequency_mhz)[0]);
+    Downshift::new(acquisition.bandwidth).centre(db_mm.fold(0.0, f64::max) * settings.probe.depth_mm)
 }

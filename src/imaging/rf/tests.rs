@@ -3,7 +3,7 @@ use std::f64::consts::{PI, TAU};
 use crate::rf::fft::{Complex32, Fft};
 
 use super::device::Device;
-use super::echoes::{PHASES, Pulse, Scatterer, echoes};
+use super::echoes::{Pulse, Scatterer, echoes};
 use super::file::Echoes;
 use super::medium::{Medium, PITCH_MM};
 use super::motion::{Estimate, Options, Tracker};
@@ -59,13 +59,14 @@ fn errors(found: &[Estimate], moved: impl Fn(f64) -> [f64; 2]) -> [[f64; 2]; 2] 
 
 #[test]
 fn the_phase_of_an_echo_follows_its_depth() {
-    let pulse = Pulse::new(&acquisition());
+    let pulse = Pulse::new(&acquisition(), 1.0);
     let phase = |depth_mm: f64| {
         let mut one = [Scatterer {
             line: 0.0,
             sample: depth_mm / acquisition().sample_mm(),
             amplitude: 1.0,
             sigma: 1.0,
+            centre: 1.0,
         }];
         let line: Vec<f32> = echoes(&mut one, &pulse, 1, 512);
         let mut spectrum: Vec<Complex32> = line.iter().map(|value| Complex32::new(*value, 0.0)).collect();
@@ -362,8 +363,7 @@ fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usiz
     for it in scatterers {
         let Some([low, high]) = it.lines(lines) else { continue };
         let start = it.sample.floor();
-        let phase = (it.sample - start) as f32 * PHASES as f32;
-        let row = (phase as usize).min(PHASES - 1) * pulse.length();
+        let row = (pulse.row(it) as usize).min(pulse.table().len() / pulse.length() - 2) * pulse.length();
         for (line, along) in (low..=high).flat_map(|line| (0..length).map(move |along| (line, along))) {
             let sample = start as i64 - (length / 2 - 1) + along;
             if !(0..samples as i64).contains(&sample) {
@@ -390,6 +390,10 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
         sigma: 0.2 + (it.sample as f32 / 40.0).rem_euclid(9.0),
         ..it
     };
+    let attenuated = |it: Scatterer| Scatterer {
+        centre: 1.0 - (it.sample as f32 / 400.0).clamp(0.0, 0.6),
+        ..it
+    };
     let narrow = Acquisition {
         bandwidth: 0.05,
         ..acquisition()
@@ -399,6 +403,7 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
         sample: 50.0 + f64::from(at % 1000) * 0.01,
         amplitude: 1.0 - (at % 3) as f32,
         sigma: 2.0,
+        centre: 1.0,
     });
     let scattered = |lines, samples| Medium::new(lines, samples).scatterers(|z| [0.01 * z, 0.1]);
     let cases = [
@@ -410,13 +415,20 @@ fn both_backends_add_up_echoes_to_within_their_roundings() {
             300,
             scattered(20, 300).into_iter().map(wide).collect(),
         ),
+        (
+            "pulses of any centre",
+            acquisition(),
+            5,
+            200,
+            scattered(5, 200).into_iter().map(attenuated).collect(),
+        ),
         ("long pulses", narrow, 5, 200, scattered(5, 200)),
         ("one line", acquisition(), 1, 63, scattered(1, 63)),
         ("none", acquisition(), 3, 100, Vec::new()),
         ("more than a dispatch adds", acquisition(), 3, 100, crowd.collect()),
     ];
     for (name, acquisition, lines, samples, mut scatterers) in cases {
-        let pulse = Pulse::new(&acquisition);
+        let pulse = Pulse::new(&acquisition, 0.5);
         let bound = rounding(&scatterers, &pulse, lines, samples);
         let exact: Vec<f64> = echoes(&mut scatterers, &pulse, lines, samples);
         let single: Vec<f32> = echoes(&mut scatterers, &pulse, lines, samples);

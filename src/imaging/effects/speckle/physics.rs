@@ -1,5 +1,6 @@
 //! Speckle on a constant tissue, before any blur: first- and second-order statistics.
 
+use insonify_imaging::effects::shadow::Shadow;
 use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::rf::Acquisition;
 use insonify_imaging::rf::scatterers::RfSynthesizer;
@@ -11,6 +12,7 @@ use insonify_imaging::synth::{Backend, FrameState, Synthesizer};
 use insonify_tracking::probe::{Apodisation, Linear, ProbeShape};
 use nalgebra::{Matrix4, Vector3};
 
+use crate::anatomies::Acoustics;
 use crate::support::anatomy::{self, PLAIN};
 use crate::support::scene;
 use crate::support::scene::{precisions, synthesizer};
@@ -358,5 +360,38 @@ fn radio_frequency_echoes_have_the_speckle_of_the_simulator() {
             let off = length_mm / expected_mm - 1.0;
             assert!(off.abs() < 0.15, "{depth_mm} mm: {length_mm}, not {expected_mm}");
         }
+    }
+}
+
+/// Centroids of SIMUS' pulses at 0.5 dB/cm/MHz (closed form), over that at the surface. Crossings of zero count the
+/// root mean square of the frequency, which goes with the centre.
+#[test]
+fn radio_frequency_echoes_sink_in_frequency_as_tissue_attenuates() {
+    let mut settings = scene::settings(simulated::probe(false, Apodisation::Hann), scene::bare());
+    settings.effects.shadow = Some(Shadow::default());
+    let acquisition = Acquisition {
+        snr_db: 100.0,
+        ..Acquisition::new(7.6)
+    };
+    let attenuating = Acoustics {
+        attenuation_db_cm_mhz: 0.5,
+        ..PLAIN
+    };
+    let mut synthesizer =
+        RfSynthesizer::new(anatomy::uniform(attenuating), settings, acquisition).expect("a synthesiser of echoes");
+    let echoes = synthesizer.render(&scene::straight()).expect("echoes");
+    let samples = synthesizer.samples();
+    let frequency_mhz = |depth_mm: f64| {
+        let [from, to] = [-4.0, 4.0].map(|mm| ((depth_mm + mm) / acquisition.sample_mm()) as usize);
+        let crossings = echoes.chunks(samples).flat_map(|line| line[from..to].windows(2));
+        let count = crossings.clone().filter(|pair| pair[0] * pair[1] < 0.0).count();
+        0.5 * acquisition.sampling_mhz * count as f64 / crossings.count() as f64
+    };
+    // Centre 7.6 MHz, and a power spectrum of 0.6 / 2.355 / sqrt 2 of it.
+    let surface_mhz = 7.6 * (1.0 + (0.6 / 2.355_f64).powi(2) / 2.0).sqrt();
+    for (depth_mm, centroid_mhz) in [(10.0, 6.860), (20.0, 6.455), (30.0, 6.118), (40.0, 5.845)] {
+        let off = frequency_mhz(depth_mm) / surface_mhz / (centroid_mhz / 7.321) - 1.0;
+        println!("{depth_mm} mm: off by {off:.3}");
+        assert!(off.abs() < 0.05, "{} MHz at {depth_mm} mm", frequency_mhz(depth_mm));
     }
 }
