@@ -226,6 +226,7 @@ impl Clock<'_> {
             passes: synth.plan().passes.len(),
             time: full,
         }];
+        let mut still = Vec::new();
         for (effect, remove) in removable() {
             let mut settings = synth.settings().clone();
             let had_mesh = anatomy.mesh.is_some();
@@ -235,13 +236,23 @@ impl Clock<'_> {
                 continue;
             }
             if mesh_removed {
-                // The mesh is fixed on creation.
+                // The mesh is fixed on creation, and states of its nodes go with it.
+                let at_rest = |state: &FrameState| FrameState {
+                    nodes: None,
+                    reference: None,
+                    ..state.clone()
+                };
+                still = self.states.iter().map(at_rest).collect();
                 drop(synth);
                 synth = Synthesizer::new(anatomy.clone(), settings, backend.clone())?;
             } else {
                 synth.set(settings)?;
             }
-            let time = self.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
+            let clock = Clock {
+                states: if anatomy.mesh.is_some() { self.states } else { &still },
+                options: self.options,
+            };
+            let time = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;
             rungs.push(Rung {
                 without: Some(effect.name),
                 passes: synth.plan().passes.len(),

@@ -2,6 +2,7 @@ use super::*;
 use insonify_imaging::anatomies::two_layers as scene;
 use insonify_imaging::effects::Effect;
 use insonify_imaging::plan::Plan;
+use insonify_imaging::scene::SceneFile;
 use insonify_imaging::synth::tables::Tables;
 
 #[test]
@@ -88,4 +89,26 @@ fn patience_ends_a_measurement_early_but_not_below_the_least() {
     };
     let frames = clock.repeat(nap).unwrap();
     assert_eq!(frames.len(), MIN_FRAMES);
+}
+
+/// Where the mesh has been removed, states of its nodes are left out.
+#[test]
+fn a_scene_whose_mesh_moves_is_measured_to_the_end() {
+    let text = "
+volume = { phantom = \"two-layer\", resolution_mm = 4 }
+probe = { lines = 16, samples = 32 }
+[deform]
+nodes = 300
+field = { kind = \"indentation\", centre_mm = [0, 0, 0], direction = [0, 1, 0], depth_mm = 2, radius_mm = 15 }
+";
+    let scene = SceneFile::parse(text, "text").unwrap().resolve("".as_ref()).unwrap();
+    let states: Vec<FrameState> = scene.states(2).collect::<Result<_, _>>().unwrap();
+    assert!(states[0].nodes.is_some());
+    let options = BenchOptions {
+        frames: 2,
+        warm_up: 1,
+        ..BenchOptions::default()
+    };
+    let report = bench(&scene.anatomy, &scene.settings, &states, &Backend::Cpu, &options).unwrap();
+    assert!(report.ladder.iter().any(|rung| rung.without == Some("warp")));
 }
