@@ -36,11 +36,12 @@ fn the_pass_of_echoes_is_that_declared() {
         assert_eq!(bound[&number], AddressSpace::Storage { access }, "binding {number}");
     }
     let (members, span) = block_of(&module);
-    assert_eq!((members.len(), span), (6, size_of::<EchoParams>()));
+    assert_eq!((members.len(), span), (7, size_of::<EchoParams>()));
     for (name, offset) in [
         ("lines", offset_of!(EchoParams, lines)),
         ("samples", offset_of!(EchoParams, samples)),
         ("length", offset_of!(EchoParams, length)),
+        ("rows", offset_of!(EchoParams, rows)),
         ("ahead", offset_of!(EchoParams, ahead)),
         ("first", offset_of!(EchoParams, first)),
         ("count", offset_of!(EchoParams, count)),

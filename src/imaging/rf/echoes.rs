@@ -37,9 +37,10 @@ impl Pulse {
         } = *acquisition;
         let sigma_us = acquisition.sigma_us();
         let half = (PULSE_REACH * sigma_us * sampling_mhz / lowest).ceil() as usize;
-        let (centres, step) = match lowest < 1.0 {
-            true => (CENTRES, (1.0 - lowest) / (CENTRES - 1) as f64),
-            false => (1, f64::INFINITY),
+        let (centres, step) = if lowest < 1.0 {
+            (CENTRES, (1.0 - lowest) / (CENTRES - 1) as f64)
+        } else {
+            (1, f64::INFINITY)
         };
         let value = |index: usize| {
             let (row, sample) = (index / (2 * half + 2), index % (2 * half + 2));
