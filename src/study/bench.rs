@@ -226,7 +226,13 @@ impl Clock<'_> {
             passes: synth.plan().passes.len(),
             time: full,
         }];
-        let mut still = Vec::new();
+        let at_rest = |state: &FrameState| FrameState {
+            nodes: None,
+            reference: None,
+            ..state.clone()
+        };
+        let at_rest: Vec<FrameState> = self.states.iter().map(at_rest).collect();
+        let mut states = self.states;
         for (effect, remove) in removable() {
             let mut settings = synth.settings().clone();
             let had_mesh = anatomy.mesh.is_some();
@@ -236,20 +242,15 @@ impl Clock<'_> {
                 continue;
             }
             if mesh_removed {
-                // The mesh is fixed on creation, and states of its nodes go with it.
-                let at_rest = |state: &FrameState| FrameState {
-                    nodes: None,
-                    reference: None,
-                    ..state.clone()
-                };
-                still = self.states.iter().map(at_rest).collect();
+                // The mesh is fixed on creation; states of its nodes go with it.
+                states = &at_rest;
                 drop(synth);
                 synth = Synthesizer::new(anatomy.clone(), settings, backend.clone())?;
             } else {
                 synth.set(settings)?;
             }
             let clock = Clock {
-                states: if anatomy.mesh.is_some() { self.states } else { &still },
+                states,
                 options: self.options,
             };
             let time = clock.wall(&mut synth, |synth, state| synth.render(state).map(drop))?;

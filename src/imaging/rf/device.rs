@@ -73,7 +73,6 @@ pub struct Device {
     gpu: Gpu,
     pipeline: Pipeline,
     params: EchoParams,
-    table: Pulse,
     pulse: StorageBuffer,
     ranges: StorageBuffer,
     echoes: StorageBuffer,
@@ -94,7 +93,7 @@ impl Device {
             lines: lines as u32,
             samples: samples as u32,
             length: length as u32,
-            rows: (pulse.table().len() / length) as u32,
+            rows: pulse.rows() as u32,
             // Echoes that begin before sample 0 reach into the image; in whole bins, so that sample 0 begins
             // one.
             ahead: length.next_multiple_of(BIN) as u32,
@@ -117,8 +116,7 @@ impl Device {
             "ranges of scatterers",
             (bins * lines * size_of::<[u32; 2]>()) as u64,
         )?;
-        let table = pulse.clone();
-        let pulse = StorageBuffer::upload(gpu, "pulse", table.table())?;
+        let pulse = StorageBuffer::upload(gpu, "pulse", pulse.table())?;
         // An empty buffer cannot be bound; frames enlarge this one.
         let scatterers = StorageBuffer::zeroed(gpu, "scatterers", size_of::<Packed>() as u64)?;
         let parameters = Parameters::new(gpu, "echoes", 1)?;
@@ -128,7 +126,6 @@ impl Device {
             gpu: gpu.clone(),
             pipeline,
             params,
-            table,
             pulse,
             ranges,
             echoes,
@@ -142,7 +139,7 @@ impl Device {
     /// # Errors
     /// [`GpuError`] where the device fails or the scatterers exceed its limits.
     pub fn echoes(&mut self, scatterers: &[Scatterer]) -> Result<Vec<f32>, GpuError> {
-        let binned = Binned::new(scatterers, &self.params, &self.table);
+        let binned = Binned::new(scatterers, &self.params);
         // Software Vulkan ends long loops (see `ROUNDS`): samples of more scatterers take further dispatches.
         let dispatches = binned.most.div_ceil(ROUNDS).max(1) as u32;
         self.make_room((binned.scatterers.len() * size_of::<Packed>()) as u64, dispatches)?;
@@ -197,12 +194,12 @@ impl EchoParams {
     }
 
     /// A scatterer whose pulse and beam reach the image.
-    fn packed(&self, scatterer: &Scatterer, pulse: &Pulse) -> Option<Packed> {
+    fn packed(&self, scatterer: &Scatterer) -> Option<Packed> {
         let (start, [low, high]) = (scatterer.sample.floor(), scatterer.lines(self.lines as usize)?);
         let first = start - (self.length / 2 - 1) as f64;
         (first < f64::from(self.samples) && first > -f64::from(self.length)).then_some(Packed {
             start: first as i32,
-            row: pulse.row(scatterer),
+            row: scatterer.row(self.rows as usize),
             line: scatterer.line,
             amplitude: scatterer.amplitude,
             sigma: scatterer.sigma,
@@ -216,9 +213,8 @@ impl EchoParams {
 }
 
 impl Binned {
-    fn new(scatterers: &[Scatterer], params: &EchoParams, pulse: &Pulse) -> Self {
-        let mut scatterers: Vec<Packed> =
-            parallel::filter_map(scatterers, &|scatterer| params.packed(scatterer, pulse));
+    fn new(scatterers: &[Scatterer], params: &EchoParams) -> Self {
+        let mut scatterers: Vec<Packed> = parallel::filter_map(scatterers, &|scatterer| params.packed(scatterer));
         parallel::sort_by(&mut scatterers, |a, b| {
             params.bin(a).cmp(&params.bin(b)).then(a.line.total_cmp(&b.line))
         });

@@ -13,16 +13,15 @@ const PULSE_REACH: f64 = 4.0;
 /// Fractions of a sample at which the pulse is tabulated; linear between them (error 5e-6 at 8 samples a period).
 const PHASES: usize = 128;
 
-/// Number of centre frequencies at which the pulse is tabulated, so that steps are at most 3 %.
-const CENTRES: usize = 16;
+/// Steps of the centre frequency, from that of the probe down to zero, at which the pulse is tabulated: a centre is off
+/// by at most a sixtieth of the probe's.
+const CENTRE_STEPS: usize = 30;
 
 /// Gaussian pulse exp(-t^2 / 2 s^2) cos(2 pi f t), and what attenuation makes of it: its centre sinks, it lengthens in
 /// the same proportion and keeps its energy.
 #[derive(Clone, Debug)]
 pub struct Pulse {
     half: usize,
-    /// Interval of the centres, over the frequency of the probe.
-    step: f64,
     /// For each centre `PHASES + 1` rows of `2 half + 2` samples.
     table: Vec<f32>,
 }
@@ -36,24 +35,19 @@ impl Pulse {
             ..
         } = *acquisition;
         let sigma_us = acquisition.sigma_us();
-        let half = (PULSE_REACH * sigma_us * sampling_mhz / lowest).ceil() as usize;
-        let (centres, step) = if lowest < 1.0 {
-            (CENTRES, (1.0 - lowest) / (CENTRES - 1) as f64)
-        } else {
-            (1, f64::INFINITY)
-        };
+        let steps = ((1.0 - lowest) * CENTRE_STEPS as f64).ceil() as usize;
+        let centre = |step: usize| 1.0 - step as f64 / CENTRE_STEPS as f64;
+        let half = (PULSE_REACH * sigma_us * sampling_mhz / centre(steps)).ceil() as usize;
         let value = |index: usize| {
             let (row, sample) = (index / (2 * half + 2), index % (2 * half + 2));
-            let (index, phase) = (row / (PHASES + 1), row % (PHASES + 1));
-            let centre = if index == 0 { 1.0 } else { 1.0 - step * index as f64 };
+            let (centre, phase) = (centre(row / (PHASES + 1)), row % (PHASES + 1));
             let t = centre * (sample as f64 - half as f64 - phase as f64 / PHASES as f64) / sampling_mhz;
             let wave = (-0.5 * (t / sigma_us).powi(2)).exp() * (std::f64::consts::TAU * frequency_mhz * t).cos();
             (centre.sqrt() * wave) as f32
         };
         Self {
             half,
-            step,
-            table: (0..centres * (PHASES + 1) * (2 * half + 2)).map(value).collect(),
+            table: (0..(steps + 1) * (PHASES + 1) * (2 * half + 2)).map(value).collect(),
         }
     }
 
@@ -67,11 +61,9 @@ impl Pulse {
         &self.table
     }
 
-    /// Row of the table for a scatterer, between two rows.
-    pub(crate) fn row(&self, scatterer: &Scatterer) -> f32 {
-        let index = ((1.0 - f64::from(scatterer.centre)) / self.step).round() as usize;
-        let fraction = scatterer.sample - scatterer.sample.floor();
-        (index.min(CENTRES - 1) * (PHASES + 1)) as f32 + fraction as f32 * PHASES as f32
+    /// Number of rows of the table.
+    pub(crate) fn rows(&self) -> usize {
+        self.table.len() / self.length()
     }
 
     /// Sum of the squares of the samples.
@@ -84,7 +76,7 @@ impl Pulse {
 
     /// Writes the pulse at a row of the table.
     fn at<R: Real>(&self, row: f32, into: &mut [R]) {
-        let low = (row as usize).min(self.table.len() / self.length() - 2);
+        let low = (row as usize).min(self.rows() - 2);
         let share = R::of(f64::from(row - low as f32));
         let rows = &self.table[low * self.length()..(low + 2) * self.length()];
         let (a, b) = rows.split_at(self.length());
@@ -111,6 +103,13 @@ pub struct Scatterer {
 }
 
 impl Scatterer {
+    /// Row of a table of pulses with this number of rows, between two of them.
+    pub(crate) fn row(&self, rows: usize) -> f32 {
+        let step = ((1.0 - self.centre) * CENTRE_STEPS as f32).round() as usize;
+        let first = step.min(rows / (PHASES + 1) - 1) * (PHASES + 1);
+        first as f32 + (self.sample - self.sample.floor()) as f32 * PHASES as f32
+    }
+
     /// First and last of `lines` lines that the beam reaches; `None` for none.
     pub(crate) fn lines(&self, lines: usize) -> Option<[usize; 2]> {
         let reach = REACH as f32 * self.sigma;
@@ -143,7 +142,7 @@ pub fn echoes<R: Real>(scatterers: &mut [Scatterer], pulse: &Pulse, lines: usize
             if low > high || begin >= samples as f64 || begin + (pulse.length() as f64) < 0.0 {
                 continue;
             }
-            pulse.at(pulse.row(scatterer), &mut wave);
+            pulse.at(scatterer.row(pulse.rows()), &mut wave);
             let skip = ((-begin).max(0.0) as usize).min(wave.len());
             let begin = begin.max(0.0) as usize;
             let wave = &wave[skip..];

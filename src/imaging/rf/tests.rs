@@ -363,7 +363,7 @@ fn rounding(scatterers: &[Scatterer], pulse: &Pulse, lines: usize, samples: usiz
     for it in scatterers {
         let Some([low, high]) = it.lines(lines) else { continue };
         let start = it.sample.floor();
-        let row = (pulse.row(it) as usize).min(pulse.table().len() / pulse.length() - 2) * pulse.length();
+        let row = (it.row(pulse.rows()) as usize).min(pulse.rows() - 2) * pulse.length();
         for (line, along) in (low..=high).flat_map(|line| (0..length).map(move |along| (line, along))) {
             let sample = start as i64 - (length / 2 - 1) + along;
             if !(0..samples as i64).contains(&sample) {

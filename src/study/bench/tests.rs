@@ -42,6 +42,7 @@ fn the_ladder_ends_at_slicing_alone() {
     assert!(report.batch.fps > 0.0 && report.batch.png_fps.is_some_and(|fps| fps > 0.0));
     let removed: Vec<_> = report.ladder.iter().filter_map(|rung| rung.without).collect();
     assert_eq!(removed, removable(&anatomy, &settings));
+    assert!(report.ladder.iter().all(|rung| rung.time.frames == 2));
     let passes: Vec<_> = report.ladder.iter().map(|rung| rung.passes).collect();
     // Without tone the pass remains, with a linear display; that of automatic gain is gone.
     assert!(passes.windows(2).all(|pair| pair[1] < pair[0]), "{passes:?}");
@@ -111,4 +112,5 @@ field = { kind = \"indentation\", centre_mm = [0, 0, 0], direction = [0, 1, 0], 
     };
     let report = bench(&scene.anatomy, &scene.settings, &states, &Backend::Cpu, &options).unwrap();
     assert!(report.ladder.iter().any(|rung| rung.without == Some("warp")));
+    assert!(report.ladder.iter().all(|rung| rung.time.frames == 2));
 }
