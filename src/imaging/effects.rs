@@ -416,7 +416,7 @@ registry! {
         derives shadow::Derived, columns shadow::Columns<T>;
     refraction: Option<Refraction>
         = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.",
-        derives refraction::Derived, columns refraction::Columns<T>;
+        derives refraction::Derived, columns refraction::Columns;
     blur: Option<Blur> = "Radial blur about the probe's virtual apex.",
         derives blur::Derived;
     receiver: Option<Receiver> = "Electronic noise and acoustic clutter.",

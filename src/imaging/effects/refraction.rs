@@ -7,8 +7,8 @@
 //! apart, the factor on the one-way intensity, and so on the amplitude of an echo, is `1 / |1 + sum d''(s) / h(s)^2|`,
 //! at most [`MAX`] (1.4). The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
-//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, linearly
-//! interpolated between them. At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the
+//! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, side by side
+//! from the middle of the array, linearly interpolated between them; how fine the scanlines are does not change them. At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the
 //! lens and averages over it, so that the effect of a lens saturates at `F` beam widths: terms of the sum decay
 //! exponentially with that length, with `F_NUMBER` (2.0) for `F`.
 //!
@@ -37,7 +37,7 @@ use crate::synth::SynthError;
 use crate::synth::store::Store;
 use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::TissueTable;
-use insonify_base::parallel::{chunks, chunks_mut, for_each};
+use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 use insonify_tracking::probe::BeamGrid;
@@ -92,14 +92,34 @@ pub(crate) const EFFECT: Effect = Effect {
 /// Half beam widths of a grid, and phases; empty without refraction.
 #[derive(Clone, Debug, Default)]
 pub struct Derived {
-    /// Scanlines per half beam width at half the depth, at most a quarter of all; 0 with fewer than four scanlines.
-    pub reach: usize,
-    /// Units of phase per sample distance: a power of two with which sums over half a beam are integers below 2^24,
-    /// exact in any order in single precision.
+    /// Half beam widths side by side, an even number from 4 on; 0 with fewer than four scanlines.
+    halves: usize,
+    /// Half a beam width at half the depth, at least a scanline and at most a quarter of all, 65,536ths of a scanline.
+    half: u32,
+    /// Units of phase per sample distance: a power of two with which second differences and sums over half a beam fit
+    /// into 31 bits: integers, exact in any order.
     units_per_sample: f64,
     /// Per label index: phase increment of a sample, from 0 on, in these units.
     phases: Vec<u32>,
 }
+
+impl Derived {
+    /// Edge between half beam widths, 16ths of a scanline from the first side of the grid: symmetric about its middle.
+    fn edge(&self, lines: usize, number: usize) -> u32 {
+        let first = (lines as u32 * SCANLINE - self.halves as u32 * self.half) / 2;
+        (first + number as u32 * self.half + SCANLINE / PARTS / 2) / (SCANLINE / PARTS)
+    }
+
+    /// Half a beam width, scanlines.
+    fn scanlines(&self) -> f64 {
+        f64::from(self.half) / f64::from(SCANLINE)
+    }
+}
+
+/// Fixed point of half a beam width, per scanline.
+const SCANLINE: u32 = 1 << 16;
+/// Parts of a scanline by which it belongs to a half beam width.
+const PARTS: u32 = 16;
 
 /// Settings on which the tables depend.
 pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid, &'a TissueTable);
@@ -115,33 +135,41 @@ pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid, tissues): &Key) -> R
         return Ok(Derived::default());
     };
     let spacing_mm = grid.lateral_spacing_mm(grid.sample_depth_mm(grid.samples() / 2));
-    let lines = (0.5 * refraction.beam_mm / spacing_mm).round().max(1.0) as usize;
-    let reach = lines.min(grid.lines() / 4);
-    let summed = (grid.samples() * reach.max(1)) as f64;
-    let units_per_sample = (f64::from(1 << 24) / (2.0 * FURTHEST * summed)).log2().floor().exp2();
+    let lines = grid.lines() as f64;
+    if lines < 4.0 {
+        return Ok(Derived::default());
+    }
+    let half = (0.5 * refraction.beam_mm / spacing_mm).max(1.0).min(0.25 * lines);
+    let fixed = (half * f64::from(SCANLINE)).floor() as u32;
+    let largest = (2 * grid.samples()).max((half + 1.0) as usize * PARTS as usize) as f64;
+    let units_per_sample = (f64::from(1u32 << 31) / (2.0 * FURTHEST * largest))
+        .log2()
+        .floor()
+        .exp2();
     let phase = |label: usize| {
         let impedance_mrayl = tissues.tissue(label as u8).impedance_mrayl;
         ((index(impedance_mrayl) - 1.0 + FURTHEST) * units_per_sample).round() as u32
     };
     Ok(Derived {
-        reach,
+        halves: 2 * (grid.lines() as u32 * SCANLINE / (2 * fixed)) as usize,
+        half: fixed,
         units_per_sample,
         phases: (0..anatomy.volume.labels().len()).map(phase).collect(),
     })
 }
 
-/// Per half beam width and sample: phase down to it (`f32`).
+/// Per half beam width and sample: average phase down to it (`u32`).
 static PHASES: Buffer = Buffer::new(275, "Phases", 4, phases_of_beam);
 
 fn phases_of_beam(tables: &Tables) -> usize {
-    tables.lines() / tables.effects.refraction.reach.max(1) * tables.samples()
+    tables.effects.refraction.halves * tables.samples()
 }
 
 columns! {
     /// Vectors of refraction.
-    pub struct Columns<T> {
+    pub struct Columns {
         /// Data of `PHASES`.
-        phases: [T; phases_of_beam] = T::zero(), PHASES;
+        phases: [u32; phases_of_beam] = 0, PHASES;
     }
 }
 
@@ -152,7 +180,7 @@ static PASSES: &[Pass] = &[
         entry: "phase",
         bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&PHASES, Write)],
         params,
-        grid: Grid::Workgroups(|tables| [(tables.lines() / tables.effects.refraction.reach) as u32, 1]),
+        grid: Grid::Workgroups(|tables| [tables.effects.refraction.halves as u32, 1]),
         flips: false,
         cpu: reference!(phases),
         bound: bound!(Covered("by the bound of `refraction`")),
@@ -176,7 +204,7 @@ fn wanted(tables: &Tables) -> Wanted {
     if tables.settings.effects.refraction.is_none() {
         return No("the scene names no refraction".into());
     }
-    if tables.effects.refraction.reach == 0 {
+    if tables.effects.refraction.halves == 0 {
         return No("there are fewer than four scanlines".into());
     }
     let present = tables
@@ -204,9 +232,9 @@ block! {
         lines: u32,
         /// Samples along a scanline.
         samples: u32,
-        /// Scanlines per half beam width.
-        reach: u32,
-        /// Average phase over half a beam width per unit of the sum, sample distances.
+        /// Half a beam width, 65,536ths of a scanline.
+        half: u32,
+        /// Phase per unit, sample distances.
         unit: f32,
         /// Distance between scanlines at the array, sample distances.
         spacing: f32,
@@ -221,11 +249,12 @@ block! {
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
+    let derived = &tables.effects.refraction;
     let [spacing, spreading] = spacing(tables).map(|x| x as f32);
     ParamBlock::of(&RefractionParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
-        reach: tables.effects.refraction.reach as u32,
+        half: derived.half,
         unit: unit(tables) as f32,
         spacing,
         spreading,
@@ -235,8 +264,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
 }
 
 fn unit(tables: &Tables) -> f64 {
-    let derived = &tables.effects.refraction;
-    1.0 / (derived.units_per_sample * derived.reach as f64)
+    1.0 / tables.effects.refraction.units_per_sample
 }
 
 fn least(tables: &Tables) -> f64 {
@@ -247,31 +275,36 @@ fn fading(tables: &Tables) -> f64 {
     -tables.sample_mm() / (F_NUMBER * beam_mm(tables)) * std::f64::consts::LOG2_E
 }
 
-/// Cumulative phase down to each sample, summed over the scanlines of each half beam width.
+/// Cumulative phase down to each sample, averaged over the scanlines of each half beam width.
 fn phases<T: Real>(view: &View, store: &mut Store<T>) {
-    let tables = view.tables;
-    let (samples, reach) = (tables.samples(), tables.effects.refraction.reach);
-    let halves = tables.lines() / reach;
-    let increments: [u32; 256] = std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| row.phase));
+    let samples = view.tables.samples();
+    let labels = &store.label;
     for_each(
-        (
-            chunks_mut(&mut store.effects.refraction.phases[..halves * samples], samples),
-            chunks(&store.label, reach * samples),
-        ),
-        &|(phases, labels)| {
-            phases.fill(T::zero());
-            for labels in labels.chunks(samples) {
-                for (phase, label) in phases.iter_mut().zip(labels) {
-                    *phase += T::of(f64::from(increments[usize::from(*label)]));
-                }
-            }
-            let mut sum = T::zero();
-            for phase in phases {
-                sum += *phase;
-                *phase = sum;
-            }
-        },
+        (0.., chunks_mut(&mut store.effects.refraction.phases, samples)),
+        &|(half, phases)| average(view.tables, half, labels, phases),
     );
+}
+
+/// Phases of one half beam width.
+fn average(tables: &Tables, half: usize, labels: &[u8], phases: &mut [u32]) {
+    let derived = &tables.effects.refraction;
+    let [start, end] = [half, half + 1].map(|edge| derived.edge(tables.lines(), edge));
+    let width = end - start;
+    phases.fill(width / 2);
+    for line in start / PARTS..end.div_ceil(PARTS) {
+        let parts = end.min((line + 1) * PARTS) - start.max(line * PARTS);
+        let increments: [u32; 256] =
+            std::array::from_fn(|label| tables.label_rows.get(label).map_or(0, |row| parts * row.phase));
+        let labels = &labels[line as usize * phases.len()..][..phases.len()];
+        for (phase, label) in phases.iter_mut().zip(labels) {
+            *phase += increments[usize::from(*label)];
+        }
+    }
+    let mut sum = 0u32;
+    for phase in phases {
+        sum += *phase / width;
+        *phase = sum;
+    }
 }
 
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
@@ -294,9 +327,12 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 }
 
 /// Focusing and defocusing of the beams of a scene.
-pub struct Spread<T> {
-    lines: usize,
-    reach: usize,
+struct Spread<T> {
+    halves: usize,
+    /// Scanlines per half beam width.
+    half: T,
+    /// Position of the middle of the array among the scanlines and among the half beam widths.
+    middles: [T; 2],
     unit: T,
     spacing: [T; 2],
     least: T,
@@ -305,10 +341,12 @@ pub struct Spread<T> {
 
 impl<T: Real> Spread<T> {
     /// Creates the spread from the settings and the probe of a scene.
-    pub fn new(tables: &Tables) -> Self {
+    fn new(tables: &Tables) -> Self {
+        let derived = &tables.effects.refraction;
         Self {
-            lines: tables.lines(),
-            reach: tables.effects.refraction.reach,
+            halves: derived.halves,
+            half: T::of(derived.scanlines()),
+            middles: [tables.lines(), derived.halves].map(|n| T::of(0.5 * (n as f64 - 1.0))),
             unit: T::of(unit(tables)),
             spacing: spacing(tables).map(T::of),
             least: T::of(least(tables)),
@@ -316,27 +354,29 @@ impl<T: Real> Spread<T> {
         }
     }
 
-    /// Calls `each` for every sample of a scanline with its number, its term of the sum and the factor on its
-    /// amplitude. `phases` returns the cumulative phase of a half beam width. Scanlines at the sides use the nearest
-    /// defined curvature.
+    /// Calls `each` for every sample of a scanline with its number, a bound of its term of the sum and the factor on
+    /// its amplitude. `phases` returns the cumulative phase of a half beam width. Scanlines at the sides use the
+    /// nearest defined curvature.
     #[inline(always)]
-    pub fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [T], mut each: impl FnMut(usize, T, T)) {
-        let (one, two, largest) = (T::one(), T::of(2.0), T::of(MAX));
-        let reach = T::of(self.reach as f64);
-        let last = (self.lines / self.reach) as i32 - 3;
-        let position = (T::of(line as f64) + T::of(0.5)) / reach - T::of(0.5);
-        let first = position.truncate().clamp(1, last);
+    fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [u32], mut each: impl FnMut(usize, T, T)) {
+        let (one, largest) = (T::one(), T::of(MAX));
+        let position = (T::of(line as f64) - self.middles[0]) / self.half + self.middles[1];
+        let first = position.truncate().clamp(1, self.halves as i32 - 3);
         let after = (position - T::from_signed(first)).max(T::zero()).min(one);
         let [a, b, c, d] = std::array::from_fn(|point| phases(first as usize + point - 1));
+        let curvature = |a: u32, b: u32, c: u32| T::from_signed((a as i32 - b as i32) - (b as i32 - c as i32));
         let mut sum = T::zero();
         for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
             let depth = T::of(sample as f64);
-            let distance = (reach * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
-            let near = *a - two * *b + *c;
-            let far = *b - two * *c + *d;
-            let term = (near + after * (far - near)) * self.unit / (distance * distance);
-            sum = sum * self.left + term;
-            each(sample, term, (one / (one + sum).abs()).min(largest));
+            let distance = (self.half * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+            let (near, far) = (curvature(*a, *b, *c), curvature(*b, *c, *d));
+            let scale = self.unit / (distance * distance);
+            sum = sum * self.left + (near + after * (far - near)) * scale;
+            each(
+                sample,
+                (near.abs() + far.abs()) * scale,
+                (one / (one + sum).abs()).min(largest),
+            );
         }
     }
 }
