@@ -19,8 +19,8 @@ pub struct Kind {
 }
 
 /// Limit for pictures: 16-bit RGBA of 4096 x 4096 pixels fits.
-pub const PNG: Kind = Kind {
-    name: "a PNG file",
+pub const PICTURE: Kind = Kind {
+    name: "a PNG or JPEG file",
     most: 128 << 20,
 };
 /// Limit for DICOM files: some minutes of compressed frames.

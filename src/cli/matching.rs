@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use insonify_base::document;
 use insonify_imaging::scene::SceneFile;
 use insonify_study::matching::fit;
 use insonify_study::realism::picture;
@@ -23,7 +24,8 @@ The array must be at the top: turn other frames upside down. Crop frames with mo
 the size of a pixel comes from --mm-per-pixel or --depth-mm, else from the sidecar beside the frame, or from the sequence.
 
 The output is a scene of the abdomen phantom: put your own [volume] and [pose] in, or set their keys with --set. What is set replaces
-what was estimated. Automatic gain is off, the grey curve straight.
+what was estimated; a dynamic range set so also goes into what else is estimated. It cannot be found where the scanner has smoothed the
+speckle: a note says so. Automatic gain is off, the grey curve straight.
 
 Examples:
   insonify match liver.png --depth-mm 160 -o matched.toml --page matched.html
@@ -38,7 +40,7 @@ docs/matching.md says how accurately known settings are recovered. Exit status: 
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct Match {
-    /// Real frame: a PNG file, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
+    /// Real frame: a PNG, JPEG or DICOM file, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "REAL")]
     file: PathBuf,
     /// Side of a pixel
@@ -79,11 +81,13 @@ impl Match {
         let settings = self.settings.of_scene();
         // Before the match, which takes long.
         SceneFile::parse_with("", "", &settings)?;
+        let (stated, _) = document::parse::<serde_json::Value>("", "", &settings)?;
+        let range_db = stated["effects"]["tone"]["dynamic_range_db"].as_f64();
         let mut frames = picture::read(&inputs, 1, None)?;
         // A file without frames has been refused.
         let mut frame = frames.swap_remove(0);
         frame.mm = self.mm_per_pixel.map(|mm| [mm; 2]).or(frame.mm);
-        let mut matched = fit(&frame, self.depth_mm, self.seed)?;
+        let mut matched = fit(&frame, self.depth_mm, range_db, self.seed)?;
         matched.set(&settings)?;
         output::requested(&self.page, || matched.page())?;
         output::requested(&self.output, || Ok::<_, Error>(matched.scene.clone()))?;

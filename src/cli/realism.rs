@@ -17,15 +17,20 @@ from the frame alone: the sector is the largest region in which grey levels vary
 counts. Depth runs down the picture. Crop pictures with more than one sector.
 
   difference  mean of the frames less that of the real ones, in standard deviations of the real ones
-  verdict     inside up to 2 standard deviations, else outside; none with a single real frame
+  verdict     inside up to 2 standard deviations, else outside; none with fewer than three real frames
 
-Frames are PNG and DICOM files, folders of them, and image sequences. Millimetres come from the sidecar (`render --sidecar`) beside a PNG
-file, from the calibrated regions of a DICOM file and from sequences that state them; else from the options.
+Frames are compared by organ or view, without a verdict over all. A group is a sub-folder of the folder given (one of several folders given,
+too), else the files whose names differ only in the number at the end: liver_01.png, liver_02.png. Groups of the same name are compared; if
+there are none, a side with a single group is compared with each. What is left out is told.
+
+Frames are PNG, JPEG and DICOM files, folders of them, and image sequences. Millimetres come from the sidecar (`render --sidecar`) beside a
+picture, from the calibrated regions of a DICOM file and from sequences that state them; else from the options.
 
 Examples:
   insonify realism frame.png --against real/ --real-mm-per-pixel 0.3
   insonify realism frames/ --against Prostate10_video.igs.mhd -o realism.html
-  insonify realism frame.png --against a.png b.png --json | jq '.measures[] | select(.verdict == \"outside\") | .name'
+  insonify realism frame.png --against a1.png a2.png a3.png --json | jq '.measures[] | select(.verdict == \"outside\") | .name'
+  insonify realism ours/ --against real/ --json | jq '.groups[] | [.group, (.measures | map(select(.verdict == \"outside\")) | length)]'
 
 docs/realism.md lists the measures of frames of this program. Exit status: 0 measured, whatever the verdicts; 2 wrong arguments or files.";
 
@@ -35,7 +40,7 @@ docs/realism.md lists the measures of frames of this program. Exit status: 0 mea
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct Realism {
-    /// Frames: PNG files, folders of them, or image sequences (.mha, .mhd, .nrrd)
+    /// Frames: PNG, JPEG or DICOM files, folders of them, or image sequences (.mha, .mhd, .nrrd)
     #[arg(value_name = "FRAMES", required = true)]
     files: Vec<PathBuf>,
     /// Real frames, of the same formats
@@ -55,7 +60,7 @@ pub(crate) struct Realism {
     output: Option<PathBuf>,
     #[command(flatten)]
     force: Force,
-    /// Print JSON, including the measures of every frame
+    /// Print JSON, including the measures of every frame; several groups are the list `groups`
     #[arg(long)]
     json: bool,
 }

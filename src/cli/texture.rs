@@ -36,7 +36,7 @@ const UNLIKE: f64 = 1.5;
 #[derive(Args)]
 #[command(after_help = TEACHING)]
 pub(crate) struct TextureArgs {
-    /// Image of the x-y plane: PNG, DICOM, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
+    /// Image of the x-y plane: PNG, JPEG, DICOM, or an image sequence (.mha, .mhd, .nrrd), of which the first frame is used
     #[arg(value_name = "IMAGE")]
     image: PathBuf,
     /// Region of even tissue: left column, upper row, columns, rows
@@ -185,7 +185,7 @@ impl TextureArgs {
         let picture: &Picture = pictures.first().ok_or_else(|| {
             usage(
                 format!("{}: no image", image.display()),
-                "name a PNG file or a sequence",
+                "name a picture or a sequence",
             )
         })?;
         let Some(pixel_mm) = picture.mm else {

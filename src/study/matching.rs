@@ -25,6 +25,7 @@ use super::realism::picture::Picture;
 use super::realism::sector_of;
 use super::realism::texture::Texture;
 use bench::{Bench, WINDOW};
+use correct::MAX_RANGE_DB;
 use insonify::Error;
 use insonify_anatomy::volume::{At, VolumeError};
 use insonify_base::stage::{self, Extent};
@@ -179,19 +180,21 @@ fn pixel_mm(picture: &Picture, outline: Outline, depth_mm: Option<f64>) -> Resul
 }
 
 /// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from
-/// `depth_mm`, the depth shown by its middle scanline, mm.
+/// `depth_mm`, the depth shown by its middle scanline, mm. A dynamic range `range_db` is taken as stated, dB; else it is
+/// estimated, or where the scanner has smoothed the speckle too much for that, is the default.
 ///
 /// # Errors
 /// [`VolumeError`] for a frame that is too small, or lacks a sector of lines and arcs, speckle, or a known pixel size.
-pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match, Error> {
+pub fn fit(picture: &Picture, depth_mm: Option<f64>, range_db: Option<f64>, seed: u64) -> Result<Match, Error> {
     let mask = sector_of(picture)?;
     let Some(outline) = Outline::of(&mask, picture.width) else {
         let expected =
-            "a fan or a rectangle, the array at the top: turn frames with the array at the bottom upside down";
+            "a fan or a rectangle, the array at the top: turn frames with the array at the bottom upside down, and crop frames to \
+             the part that shows echoes";
         return Err(refuse(picture, "a sector whose edges are no lines and arcs", expected).into());
     };
     let mm = pixel_mm(picture, outline, depth_mm)?;
-    let bench = Bench::new(picture, mask, outline, mm, seed)?;
+    let mut bench = Bench::new(picture, mask, outline, mm, range_db, seed)?;
     if bench.windows.is_empty() {
         let wrong = "no window of speckle in the sector";
         let expected = format!(
@@ -204,12 +207,12 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
     let stage = stage::enter("matching", Extent::Share(0.0));
     let mut model = Model::start(&bench.probe);
     let default = bench.measure(bench.phantoms(bench.probe, &Effects::usual(), PLAIN)?);
-    let phantom = |model: &Model| -> Result<WindowMeasurements, Error> {
+    let phantom = |bench: &Bench, model: &Model| -> Result<WindowMeasurements, Error> {
         Ok(bench.measure(bench.phantoms(model.probe(bench.probe), &model.effects(), PLAIN)?))
     };
     let (mut rounds, mut residual) = (0, f64::INFINITY);
     while rounds < ROUNDS && residual > SETTLED {
-        let rendered = phantom(&model)?;
+        let rendered = phantom(&bench, &model)?;
         residual = bench.correct(&mut model, &real, &rendered);
         rounds += 1;
         stage.share(rounds as f64 / (ROUNDS + 2) as f64);
@@ -217,15 +220,23 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
     stage.share(ROUNDS as f64 / (ROUNDS + 2) as f64);
     let dark = bench.darkness(&mut model)?;
     // Noise and clutter add to the windows too.
-    let rendered = phantom(&model)?;
+    let rendered = phantom(&bench, &model)?;
     residual = bench.correct(&mut model, &real, &rendered);
     rounds += 1;
-    let matched = phantom(&model)?;
+    let matched = phantom(&bench, &model)?;
     let score = |measure: &WindowMeasurements| HistogramDistance {
         windows: distance(&measure.histogram, &real.histogram),
         sector: distance(&measure.sector_histogram, &real.sector_histogram),
     };
     let (score, default_score) = (score(&matched), score(&default));
+    let mut notes = bench.notes(&real, &matched, residual);
+    if let (None, Some(range_db)) = (range_db, bench.range_db) {
+        notes.push(format!(
+            "the dynamic range cannot be known: grey levels are more even than speckle of {MAX_RANGE_DB} dB, as the scanner has smoothed the \
+             frame (compounding, speckle reduction); the scene has {range_db} dB and so harder speckle: state the scanner's, \
+             --set effects.tone.dynamic_range_db=DB"
+        ));
+    }
     let mut result = Match {
         name: picture.name.clone(),
         mm_per_pixel: mm,
@@ -234,7 +245,7 @@ pub fn fit(picture: &Picture, depth_mm: Option<f64>, seed: u64) -> Result<Match,
         residual,
         figures: bench.figures(&model, &real, &matched, dark),
         unidentified: bench.unidentified(&model, &real, outline, dark),
-        notes: bench.notes(&real, &matched, residual),
+        notes,
         real,
         matched,
         default,

@@ -3,7 +3,7 @@
 //!
 //! Everything is derived from the frames alone, by the same algorithm for both sides: the sector ([`sector`]), its most
 //! uniform windows and its darkest ones ([`texture`]). Labels are not used. `MEASURES` is the only list of what is
-//! measured.
+//! measured. Frames are compared by group, an organ or view: spreads over organs hide every difference.
 
 mod measures;
 pub mod picture;
@@ -11,11 +11,14 @@ pub(crate) mod report;
 pub mod sector;
 pub mod texture;
 
-use serde::Serialize;
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Serialize, Serializer};
 
 use insonify_anatomy::volume::{At, VolumeError};
 use insonify_base::parallel;
 use insonify_base::statistics::{correlation, mean, percentile, std};
+use insonify_base::text;
 pub(crate) use measures::MEASURES;
 pub use measures::Measure;
 use picture::Picture;
@@ -39,6 +42,8 @@ const BIN_LEVELS: usize = 4;
 const LAGS: usize = 16;
 /// Largest difference that counts as within the spread of the real frames, standard deviations.
 pub const LIMIT: f64 = 2.0;
+/// Least number of real frames with a measure for a verdict on it.
+pub const LEAST_REAL: usize = 3;
 
 /// Raw measurements of one frame, from which [`MEASURES`] computes its values.
 pub(crate) struct FrameMeasurements {
@@ -216,6 +221,11 @@ impl MeasureSummary {
             values,
         })
     }
+
+    /// Spread of enough frames to be one of a distribution.
+    fn reliable_spread(&self) -> Option<f64> {
+        self.spread.filter(|_| self.values.iter().flatten().count() >= LEAST_REAL)
+    }
 }
 
 /// Whether a measure agrees with the real frames.
@@ -239,7 +249,7 @@ pub struct MeasureComparison {
     /// Values in the real frames; `None` if no frame has the measure.
     pub real: Option<MeasureSummary>,
     /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the
-    /// measure's floor); `None` if fewer than two real frames have the measure.
+    /// measure's floor); `None` if fewer than [`LEAST_REAL`] real frames have the measure.
     pub difference: Option<f64>,
     /// Verdict on the difference.
     pub verdict: Option<LikenessVerdict>,
@@ -248,7 +258,7 @@ pub struct MeasureComparison {
 impl MeasureComparison {
     fn of(measure: &'static Measure, [frames, real]: [Option<MeasureSummary>; 2]) -> Self {
         let difference = frames.as_ref().zip(real.as_ref()).and_then(|(frames, real)| {
-            let spread = real.spread?;
+            let spread = real.reliable_spread()?;
             Some((frames.mean - real.mean) / spread.max(measure.floor))
         });
         Self {
@@ -267,52 +277,134 @@ impl MeasureComparison {
     }
 }
 
-/// Comparison of rendered frames with real ones.
+/// Comparison of the rendered frames of an organ or view with real ones.
 #[derive(Clone, Debug, Serialize)]
-pub struct LikenessReport {
+pub struct GroupComparison {
+    /// Name of the group, or `ours against theirs` where they differ.
+    pub group: String,
     /// Rendered frames.
     pub frames: Vec<FrameReport>,
     /// Real frames.
     pub real: Vec<FrameReport>,
     /// All measures, in both sets of frames.
     pub measures: Vec<MeasureComparison>,
-    /// Measures omitted, and why.
+}
+
+/// Comparison of rendered frames with real ones, group by group.
+#[derive(Clone, Debug, Serialize)]
+pub struct LikenessReport {
+    /// Groups by name; serialised as the list `groups`, or a single one as its fields.
+    #[serde(flatten, serialize_with = "single_or_list")]
+    pub groups: Vec<GroupComparison>,
+    /// Frames and measures omitted, and why.
     pub notes: Vec<String>,
 }
 
-/// Measures rendered and real frames in parallel and compares them.
+fn single_or_list<S: Serializer>(groups: &[GroupComparison], serializer: S) -> Result<S::Ok, S::Error> {
+    match groups {
+        [single] => single.serialize(serializer),
+        _ => serializer.collect_map([("groups", groups)]),
+    }
+}
+
+fn names_of(pictures: &[Picture]) -> BTreeSet<&str> {
+    pictures.iter().map(|picture| picture.group.as_str()).collect()
+}
+
+/// Joins names of groups, those that are shown of many.
+fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
+    let names: Vec<String> = names.into_iter().map(|name| text::tail(name, text::WIDEST_NAME)).collect();
+    text::some_of(&names)
+}
+
+/// Pairs groups of the same name. If there are none, and one side has a single group, that is paired with each.
+fn pairs<'a>(frames: &BTreeSet<&'a str>, real: &BTreeSet<&'a str>) -> Vec<[&'a str; 2]> {
+    let same: Vec<[&str; 2]> = frames.intersection(real).map(|name| [*name; 2]).collect();
+    if !same.is_empty() || frames.len() > 1 && real.len() > 1 {
+        return same;
+    }
+    let of_all = |ours: &&'a str| real.iter().map(|theirs| [*ours, *theirs]).collect::<Vec<_>>();
+    frames.iter().flat_map(|ours| of_all(ours)).collect()
+}
+
+/// Measures rendered and real frames in parallel and compares them by group.
 ///
 /// # Errors
-/// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large.
+/// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large, and if both sides have
+/// several groups and none in common.
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, VolumeError> {
-    let measured = |pictures: &[Picture]| parallel::try_map(pictures, &FrameReport::of);
-    let (frames, real) = (measured(frames)?, measured(real)?);
-    let rows = MEASURES.iter().enumerate().map(|(index, measure)| {
-        MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, index)))
-    });
-    let measures: Vec<MeasureComparison> = rows.collect();
+    let names = [frames, real].map(names_of);
+    let pairs = pairs(&names[0], &names[1]);
+    if pairs.is_empty() {
+        let [ours, theirs] = names.map(listed);
+        return Err(VolumeError::new(format!(
+            "no frames and real frames of the same group: of frames there are {ours}, of real ones {theirs}; a group is a sub-folder, or the \
+             files that differ only in the number at the end of their names (liver_01.png, liver_02.png): name them alike, or give frames \
+             of a single group, which is compared with each"
+        )));
+    }
     let mut notes = Vec::new();
+    if names.iter().any(|names| names.len() > 1) {
+        notes.push("groups are sub-folders, else files whose names differ only in the number at the end".to_owned());
+    }
+    let paired = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect::<BTreeSet<&str>>());
+    for (side, [kind, other]) in [["frames", "real frames"], ["real frames", "frames"]].into_iter().enumerate() {
+        let alone: Vec<&str> = names[side].difference(&paired[side]).copied().collect();
+        if !alone.is_empty() {
+            notes.push(format!("{kind} without {other} of their group are left out: {}", listed(alone)));
+        }
+    }
+    let measured = |pictures: &[Picture], paired: &BTreeSet<&str>| -> Result<BTreeMap<String, Vec<FrameReport>>, _> {
+        let used: Vec<&Picture> = pictures.iter().filter(|it| paired.contains(it.group.as_str())).collect();
+        let reports = parallel::try_map(&used[..], &|picture: &&Picture| FrameReport::of(picture))?;
+        let mut groups = BTreeMap::<String, Vec<FrameReport>>::new();
+        for (picture, report) in used.iter().zip(reports) {
+            groups.entry(picture.group.clone()).or_default().push(report);
+        }
+        Ok::<_, VolumeError>(groups)
+    };
+    let (frames, real) = (measured(frames, &paired[0])?, measured(real, &paired[1])?);
     let unscaled: Vec<String> = frames
-        .iter()
-        .chain(&real)
+        .values()
+        .chain(real.values())
+        .flatten()
         .filter(|frame| frame.mm_per_pixel.is_none())
         .map(|frame| frame.name.clone())
         .collect();
     if !unscaled.is_empty() {
-        let names = insonify_base::text::some_of(&unscaled);
+        let names = text::some_of(&unscaled);
         notes.push(format!(
             "measures in mm are left out of {names}: nothing states the size of their pixels"
         ));
     }
-    if real.len() == 1 {
-        notes.push(
-            "one real frame has no spread: differences have no unit and no verdict; give more real frames".to_owned(),
-        );
+    let few: Vec<&str> = real
+        .iter()
+        .filter(|(_, frames)| frames.len() < LEAST_REAL)
+        .map(|(name, _)| name.as_str())
+        .collect();
+    if !few.is_empty() {
+        let names = listed(few);
+        notes.push(format!(
+            "one or two real frames are no distribution ({names}): they have values and no verdict; give {LEAST_REAL} or more of a group"
+        ));
     }
+    let group = |[ours, theirs]: [&str; 2]| {
+        let (frames, real) = (frames[ours].clone(), real[theirs].clone());
+        let rows = MEASURES.iter().enumerate().map(|(index, measure)| {
+            MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, index)))
+        });
+        GroupComparison {
+            group: match ours == theirs {
+                true => ours.to_owned(),
+                false => format!("{ours} against {theirs}"),
+            },
+            measures: rows.collect(),
+            frames,
+            real,
+        }
+    };
     Ok(LikenessReport {
-        frames,
-        real,
-        measures,
+        groups: pairs.into_iter().map(group).collect(),
         notes,
     })
 }

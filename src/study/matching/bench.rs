@@ -48,6 +48,8 @@ pub(super) struct Bench<'a> {
     pub grid: BeamGrid,
     pub image: ImageGrid,
     pub seed: u64,
+    /// Dynamic range that is not estimated, dB: stated, or the default where the frame does not tell it.
+    pub range_db: Option<f64>,
     /// Windows by depth, in scanlines and samples.
     pub windows: Vec<Vec<Window>>,
 }
@@ -58,6 +60,7 @@ impl<'a> Bench<'a> {
         mask: Vec<bool>,
         outline: Outline,
         mm: f64,
+        range_db: Option<f64>,
         seed: u64,
     ) -> Result<Self, Error> {
         let (probe_shape, depth, across, origin) = match outline.shape {
@@ -118,6 +121,7 @@ impl<'a> Bench<'a> {
             grid,
             image,
             seed,
+            range_db,
             windows: Vec::new(),
         };
         bench.windows = bench.uniform_windows();

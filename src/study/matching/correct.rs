@@ -9,13 +9,15 @@ use crate::realism::texture::{Patch, Texture, Window, dark_windows};
 use insonify_base::statistics::{mean, median, percentile, slope, std};
 use insonify_imaging::anatomies::SILENT;
 use insonify_imaging::effects::receiver::{CLUTTER_DB, Receiver};
+use insonify_imaging::effects::tone::Tone;
 use insonify_imaging::synth::SynthError;
 
 /// Number of correction rounds for noise and clutter.
 const DARK_ROUNDS: usize = 3;
 /// Least depth range over which a decay of clutter is fitted, mm.
 const MIN_DECAY_EXTENT_MM: f64 = 10.0;
-
+/// Largest dynamic range of a scene, dB.
+pub(super) const MAX_RANGE_DB: f64 = 120.0;
 /// Level below the noise assumed for clutter that no window shows, dB: there it adds half a dB.
 const HIDDEN_DB: f64 = 10.0;
 
@@ -37,8 +39,9 @@ fn lowest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 impl Bench<'_> {
-    /// Corrects a model by its phantoms in one round and returns the largest relative change.
-    pub(crate) fn correct(&self, model: &mut Model, real: &WindowMeasurements, phantom: &WindowMeasurements) -> f64 {
+    /// Corrects a model by its phantoms in one round and returns the largest relative change. Once grey levels are more
+    /// even than speckle of any range, the range is held at its default.
+    pub(crate) fn correct(&mut self, model: &mut Model, real: &WindowMeasurements, phantom: &WindowMeasurements) -> f64 {
         let before = model.clone();
         let ratio = |measure: &dyn Fn(&Texture) -> Option<f64>| {
             let [real, phantom] =
@@ -47,7 +50,11 @@ impl Bench<'_> {
             (ratio.is_finite() && ratio > 0.0).then_some(ratio)
         };
         let range = before.tone.dynamic_range_db / ratio(&|texture| Some(texture.std)).unwrap_or(1.0);
-        model.tone.dynamic_range_db = range.clamp(10.0, 120.0);
+        if range > MAX_RANGE_DB {
+            // The scanner has smoothed the speckle, and its range is not known.
+            self.range_db.get_or_insert(Tone::default().dynamic_range_db);
+        }
+        model.tone.dynamic_range_db = self.range_db.unwrap_or(range.max(10.0));
         let axial = before.axial_mm * ratio(&|texture| texture.fwhm[0]).unwrap_or(1.0);
         model.axial_mm = axial.clamp(0.05, 10.0);
         let lateral_at = |model: &Model, depth: f64| model.spread(&model.probe(self.probe)).lateral_at(depth);

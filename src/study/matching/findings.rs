@@ -93,7 +93,7 @@ impl Bench<'_> {
                 "effects.tone.dynamic_range_db",
                 "dB",
                 range,
-                share(range, scatter(&|texture| Some(texture.std))),
+                share(range, scatter(&|texture| Some(texture.std))).filter(|_| self.range_db.is_none()),
             ),
             figure("effects.tone.gain_db", "dB", model.tone.gain_db, gain),
             figure(
@@ -158,10 +158,12 @@ impl Bench<'_> {
             "echogenicity",
             "brighter tissue looks like more gain; the gain takes the windows for tissue of 0 dB, as liver",
         );
-        add(
-            "dynamic range by itself",
-            "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve without blur",
-        );
+        if self.range_db.is_none() {
+            add(
+                "dynamic range by itself",
+                "range, compounding and the scanner's grey map make one spread of grey levels; the range is that of a straight curve without blur",
+            );
+        }
         add("elevational width", "a frame shows one plane; it follows the frequency");
         add("ring-down", "it lies above the windows; it has its default");
         let spread = model.spread(&model.probe(self.probe));

@@ -165,7 +165,12 @@ fn rectangle(rim: &[RimPoint], inside: &[[f64; 2]], size: [usize; 2]) -> Option<
             is_side_seen[0][0] && is_side_seen[0][1],
         ],
     };
-    let cut = [columns[0] < RIM_PX as f64, columns[1] > (size[0] - RIM_PX) as f64];
+    // As far out as rim points are ignored.
+    let reaches = |is_there: &dyn Fn(f64) -> bool| inside.iter().any(|p| is_there(p[0]));
+    let cut = [
+        reaches(&|x| x < RIM_PX as f64),
+        reaches(&|x| x >= size[0].saturating_sub(RIM_PX) as f64),
+    ];
     let sides = (0..2).all(|side| is_side_seen[0][side] || cut[side]);
     (inside.len() as f64 >= MIN_FILLED_SHARES[usize::from(!sides)] * area).then_some((outline, agreement))
 }

@@ -112,7 +112,7 @@ fn near(what: &str, result: f64, expected: f64, tolerance: f64) {
 }
 
 fn result(case: &Known) -> Match {
-    fit(&case.uniform(), None, 0).unwrap()
+    fit(&case.uniform(), None, None, 0).unwrap()
 }
 
 fn is_identified(result: &Match, parameter: &str) -> bool {
@@ -304,7 +304,7 @@ fn clutter_and_noise_are_told_by_dark_tissue() {
             ..Receiver::default()
         });
         let anatomy = anatomies::ball(box_, [0.0, depth, 0.0], 35.0, &[SILENT, tissue, fluid]);
-        fit(&KNOWN.frame(anatomy, effects), None, 0).unwrap()
+        fit(&KNOWN.frame(anatomy, effects), None, None, 0).unwrap()
     };
     let cluttered = picture(-200.0, -14.0, 0.5, 70.0);
     assert!(is_identified(&cluttered, "clutter") && !is_identified(&cluttered, "noise"));
@@ -380,6 +380,56 @@ fn an_outline_is_found_in_part() {
     let mut turned = complete.clone();
     turned.grey.reverse();
     assert_eq!(Outline::of(&sector_of(&turned).unwrap(), turned.width), None);
+}
+
+/// Speckle of a scanner that averages it, as many looks do: no dynamic range makes it as even. A stated range holds.
+#[test]
+fn a_dynamic_range_that_smoothing_hides_is_told_and_can_be_stated() {
+    let speckle = KNOWN.uniform();
+    let mut smoothed = speckle.clone();
+    let sector = sector_of(&speckle).unwrap();
+    let inside = || speckle.grey.iter().zip(&sector).filter(|(_, inside)| **inside);
+    let middle = inside().map(|(grey, _)| grey).sum::<f64>() / inside().count() as f64;
+    // A quarter of the spread is that of 240 dB.
+    for (grey, _) in smoothed.grey.iter_mut().zip(&sector).filter(|(_, inside)| **inside) {
+        *grey = (middle + 0.25 * (*grey - middle)).round();
+    }
+    let note = |result: &Match| {
+        let notes: Vec<&String> = result.notes.iter().filter(|note| note.contains("cannot be known")).collect();
+        notes.first().map(|note| note.to_string())
+    };
+    let unknown = fit(&smoothed, None, None, 0).unwrap();
+    let text = note(&unknown).unwrap_or_else(|| panic!("{unknown}"));
+    for word in ["120 dB", "smoothed", "60 dB", "--set effects.tone.dynamic_range_db"] {
+        assert!(text.contains(word), "{text}");
+    }
+    assert_eq!(value(&unknown, "dynamic_range_db"), 60.0);
+    assert!(unknown.scene.contains("cannot be known") && unknown.residual < 0.1, "{unknown}");
+    // Means are those of the frame all the same.
+    let greys = |measured: &WindowMeasurements| measured.depths.iter().map(|depth| depth.grey).sum::<f64>() / 5.0;
+    near("grey", greys(&unknown.matched), greys(&unknown.real), 3.0);
+    let stated = fit(&smoothed, None, Some(90.0), 0).unwrap();
+    assert_eq!((value(&stated, "dynamic_range_db"), note(&stated)), (90.0, None));
+    near("grey", greys(&stated.matched), greys(&stated.real), 3.0);
+    assert!(!is_identified(&result(&KNOWN), "dynamic range by itself") && note(&result(&KNOWN)).is_none());
+}
+
+/// A linear frame that is cut by the picture at both sides, and black in its lower third.
+#[test]
+fn a_real_frame_with_a_black_lower_third_has_an_outline() {
+    let Some(path) = insonify_testing::shared("real/frames/carotid_trans_03.png") else {
+        return;
+    };
+    let frame = &crate::realism::picture::read(&[path], 1, None).unwrap()[0];
+    let outline = Outline::of(&sector_of(frame).unwrap(), frame.width).unwrap();
+    let Shape::Rectangle { columns, rows } = outline.shape else {
+        panic!("{outline:?}");
+    };
+    // By eye: echoes from row 8 and column 0 to 647.
+    near("left", columns[0], 0.0, 3.0);
+    near("right", columns[1], 646.5, 3.0);
+    near("top", rows[0], 8.0, 3.0);
+    assert!(outline.seen[0] && !outline.seen[1], "{outline:?}");
 }
 
 #[test]

@@ -297,7 +297,7 @@ pub(crate) const MEASURES: &[Measure] = &[
         [
             "empty share below the array",
             "",
-            "share of the first 5 mm below the array at grey levels 0 to 2; needs the size of a pixel",
+            "share of the first 5 mm below the array at grey levels 0 to 2; needs the size of a pixel, and echoes at the array in half of the scanlines",
         ],
         0.02,
         |p| p.empty,

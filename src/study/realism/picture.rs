@@ -1,4 +1,4 @@
-//! Input frames from PNG and DICOM files, folders of them, and image sequences.
+//! Input frames from PNG, JPEG and DICOM files, folders of them, and image sequences.
 
 mod dicom;
 #[cfg(test)]
@@ -22,12 +22,19 @@ const COLOURED: u8 = 40;
 pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
 /// Largest number of columns and of rows of a picture.
 const MAX_SIDE_PX: u32 = 8192;
+/// Endings of the pictures that are read.
+const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
+/// What is read, and how other files become that.
+const READ: &str = "frames as .png, .jpg or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes; \
+                    `magick a.tif a.png` (ImageMagick) converts other pictures, `ffmpeg -i a.mp4 a_%03d.png` videos";
 
 /// Luminance of a frame (Rec. 709), row by row, rows along depth.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
     /// File name, with the frame number within a sequence.
     pub name: String,
+    /// Organ or view: frames of one group are compared together.
+    pub group: String,
     /// Columns.
     pub width: usize,
     /// Rows.
@@ -42,22 +49,33 @@ pub struct Picture {
     pub neighbour: Option<Vec<f64>>,
 }
 
-/// Reads frames from PNG files, folders of PNG and DICOM files (without the layers that this program writes beside its
-/// frames), and DICOM files and image sequences, of which up to `per_sequence` evenly spaced frames are taken. The
-/// pixel size comes from the sidecar of a PNG file or from the sequence (its spacing, or the scale of its transform
-/// from `Image`; of DICOM its calibrated regions), otherwise from `mm_per_pixel`.
+/// Reads frames from PNG and JPEG files, folders of these and DICOM files, and DICOM files and image sequences, of which
+/// up to `per_sequence` evenly spaced frames are taken. A folder without frames is read by its sub-folders; layers that
+/// this program writes beside its frames are left out. The pixel size comes from the sidecar of a PNG or JPEG file or
+/// from the sequence (its spacing, or the scale of its transform from `Image`; of DICOM its calibrated regions),
+/// otherwise from `mm_per_pixel`.
+///
+/// Groups are the sub-folders, or the folders where several are given; of other files the names without the number at
+/// the end (`liver_01.png`: `liver`), or their folder's where nothing else remains.
 ///
 /// # Errors
 /// [`VolumeError`] with the file, the content found and the content expected.
 pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -> Result<Vec<Picture>, VolumeError> {
     let mut pictures = Vec::new();
+    let several = paths.iter().filter(|path| path.is_dir()).count() > 1;
     for path in paths {
-        if path.is_dir() {
-            for file in folder(path)? {
-                pictures.extend(frames(&file, per_sequence)?);
-            }
+        let files = if path.is_dir() {
+            folder(path)?
         } else {
-            pictures.extend(frames(path, per_sequence)?);
+            vec![path.clone()]
+        };
+        for file in files {
+            let is_by_folder = path.is_dir() && (several || file.parent() != Some(path.as_path()));
+            let group = group(&file, is_by_folder);
+            pictures.extend(frames(&file, per_sequence)?.into_iter().map(|picture| Picture {
+                group: group.clone(),
+                ..picture
+            }));
         }
     }
     for picture in &mut pictures {
@@ -67,10 +85,23 @@ pub fn read(paths: &[PathBuf], per_sequence: usize, mm_per_pixel: Option<f64>) -
     Ok(pictures)
 }
 
+/// Group of a file, in lower case: the name of its folder, or its own without ending and the number at its end.
+fn group(file: &Path, is_by_folder: bool) -> String {
+    let folder = file.parent().and_then(Path::file_name).unwrap_or_default();
+    let stem = file.file_stem().unwrap_or_default().to_string_lossy();
+    let name = stem.trim_end_matches(".igs");
+    let name = name.trim_end_matches(|letter: char| letter.is_ascii_digit() || "_-. ()".contains(letter));
+    if is_by_folder || name.is_empty() {
+        folder.to_string_lossy().to_lowercase()
+    } else {
+        name.to_lowercase()
+    }
+}
+
 /// Reads frames of a file by its kind.
 fn frames(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
     match path {
-        _ if has_ending(path, "png") => Ok(vec![png(path)?]),
+        _ if is_picture(path) => Ok(vec![picture(path)?]),
         _ if is_dicom(path) => dicom::read(path, max_frames),
         _ => sequence(path, max_frames),
     }
@@ -87,52 +118,113 @@ fn has_ending(path: &Path, ending: &str) -> bool {
         .is_some_and(|extension| extension.eq_ignore_ascii_case(ending))
 }
 
-/// Lists the PNG and DICOM files of a folder by name, without layers and overviews.
+fn is_picture(path: &Path) -> bool {
+    PICTURES.iter().any(|ending| has_ending(path, ending))
+}
+
+/// Lists the pictures and DICOM files of a folder by name, or of its sub-folders if there are none.
 fn folder(path: &Path) -> Result<Vec<PathBuf>, VolumeError> {
+    let (mut files, folders) = frames_in(path)?;
+    if files.is_empty() {
+        for folder in folders {
+            files.extend(frames_in(&folder)?.0);
+        }
+    }
+    if files.is_empty() {
+        return Err(VolumeError::malformed(
+            path,
+            At::Folder,
+            "no PNG, JPEG or DICOM file",
+            "frames as .png, .jpg or .dcm files, or sub-folders of them",
+        ));
+    }
+    Ok(files)
+}
+
+/// Lists pictures and DICOM files without layers and overviews, and sub-folders, by name.
+fn frames_in(path: &Path) -> Result<(Vec<PathBuf>, Vec<PathBuf>), VolumeError> {
     let fail = |cause| VolumeError::read(path, cause);
     let layer_suffixes: Vec<String> = Layer::ALL
         .iter()
         .map(|layer| format!("_{}", layer.name()))
         .chain(["_overview".to_owned()])
         .collect();
-    let mut files = Vec::new();
+    let (mut files, mut folders) = (Vec::new(), Vec::new());
     for entry in fs::read_dir(path).map_err(fail)? {
         let file = entry.map_err(fail)?.path();
         let stem = file.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-        if (has_ending(&file, "png") || has_ending(&file, "dcm"))
+        if file.is_dir() {
+            folders.push(file);
+        } else if (is_picture(&file) || has_ending(&file, "dcm"))
             && !layer_suffixes.iter().any(|suffix| stem.ends_with(suffix))
         {
             files.push(file);
         }
     }
     files.sort();
-    if files.is_empty() {
-        return Err(VolumeError::malformed(
-            path,
-            At::Folder,
-            "no PNG or DICOM file",
-            "frames as .png or .dcm files",
-        ));
-    }
-    Ok(files)
+    folders.sort();
+    Ok((files, folders))
 }
 
-fn png(path: &Path) -> Result<Picture, VolumeError> {
+fn picture(path: &Path) -> Result<Picture, VolumeError> {
     let mm = pixel_mm(&Sidecar::path_for(path)).map(|mm| [mm; 2]);
-    Ok(Picture::of(decoded_png(path)?, path.display().to_string(), mm))
+    Ok(Picture::of(decoded(path)?, path.display().to_string(), mm))
 }
 
-/// Decodes a PNG file of at most [`MAX_SIDE_PX`] columns and rows.
-pub(crate) fn decoded_png(path: &Path) -> Result<DynamicImage, VolumeError> {
-    let bytes = read::bytes(path, read::PNG).map_err(|cause| VolumeError::read(path, cause))?;
-    let refuse = |fault: String| VolumeError::malformed(path, At::Pixels, fault, "a PNG file, grey or RGB");
-    let promised = png_bytes(&bytes).map_err(refuse)?;
-    border::check(promised, bytes.len() as u64, "a picture").map_err(|cause| VolumeError::read(path, cause))?;
-    let mut reader = ImageReader::with_format(Cursor::new(bytes), ImageFormat::Png);
+/// Decodes a PNG or JPEG file of at most [`MAX_SIDE_PX`] columns and rows; which of them it is, its bytes say.
+pub(crate) fn decoded(path: &Path) -> Result<DynamicImage, VolumeError> {
+    let bytes = read::bytes(path, read::PICTURE).map_err(|cause| VolumeError::read(path, cause))?;
+    let refuse = |fault: String| VolumeError::malformed(path, At::Pixels, fault, "a PNG or JPEG file, grey or RGB");
+    let (format, promised) = match bytes.starts_with(&JPEG_START) {
+        true => (ImageFormat::Jpeg, jpeg_bytes(&bytes)),
+        false => (ImageFormat::Png, png_bytes(&bytes)),
+    };
+    border::check(promised.map_err(refuse)?, bytes.len() as u64, "a picture")
+        .map_err(|cause| VolumeError::read(path, cause))?;
+    let mut reader = ImageReader::with_format(Cursor::new(bytes), format);
     let mut limits = Limits::default();
     (limits.max_image_width, limits.max_image_height) = (Some(MAX_SIDE_PX), Some(MAX_SIDE_PX));
     reader.limits(limits);
     border::decoded(|| reader.decode()).map_err(refuse)
+}
+
+/// Marker with which JPEG images start (ISO 10918-1, table B.1).
+const JPEG_START: [u8; 2] = [0xff, 0xd8];
+
+/// Columns, rows, samples a pixel and bits a sample by the header of a JPEG image; `None` if it has none.
+fn jpeg_sizes(image: &[u8]) -> Option<[usize; 4]> {
+    let mut rest = image.strip_prefix(&JPEG_START)?;
+    while let [0xff, marker, high, low, segment @ ..] = rest {
+        // A start of frame, of any process but hierarchical ones (ISO 10918-1, table B.1).
+        if (0xc0..=0xcf).contains(marker) && ![0xc4, 0xc8, 0xcc].contains(marker) {
+            let [bits, rows_high, rows_low, columns_high, columns_low, samples, ..] = *segment else {
+                return None;
+            };
+            let [rows, columns] = [[rows_high, rows_low], [columns_high, columns_low]].map(u16::from_be_bytes);
+            return Some([columns, rows, samples.into(), bits.into()].map(usize::from));
+        }
+        match *marker {
+            0xff => rest = &rest[1..],
+            // Markers without a segment do not precede the sizes.
+            0x01 | 0xd0..=0xd9 => return None,
+            _ => {
+                let length = usize::from(u16::from_be_bytes([*high, *low]));
+                rest = rest.get(2 + length.max(2)..).unwrap_or_default();
+            }
+        }
+    }
+    None
+}
+
+/// Bytes of the pixels of a JPEG file by its header; the error says what a decoder would make up.
+fn jpeg_bytes(file: &[u8]) -> Result<u64, String> {
+    let [columns, rows, samples, _] = jpeg_sizes(file).ok_or("a JPEG image without sizes")?;
+    // Coded data hold no marker (ISO 10918-1, B.1.1.5): of a whole image the end lies behind the start of its last scan.
+    let last = |marker: u8| file.windows(2).rposition(|pair| pair == [0xff, marker]);
+    if last(0xd9) <= last(0xda) {
+        return Err("a JPEG image that is cut off".to_owned());
+    }
+    Ok((columns * rows * samples) as u64)
 }
 
 /// Bytes of the rows of a PNG file by its header; the error says what a decoder must not be given. What is not a header
@@ -186,7 +278,7 @@ impl Picture {
             grey: image.into_luma8().iter().map(|&grey| f64::from(grey)).collect(),
             overlay,
             mm,
-            neighbour: None,
+            ..Self::default()
         }
     }
 }
@@ -200,9 +292,15 @@ fn pixel_mm(sidecar: &Path) -> Option<f64> {
 
 /// Reads evenly spaced frames of a sequence.
 fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError> {
-    let expected =
-        "frames as .png or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes";
-    let sequence = Sequence::read(path)?;
+    // Readers of volumes tell by the first bytes what a file is, and what to do for labels.
+    let sequence = Sequence::read(path).map_err(|error| match error {
+        VolumeError::Malformed { path, at, found, .. } | VolumeError::Unsupported { path, at, found, .. }
+            if at == At::Byte(0) =>
+        {
+            VolumeError::unsupported(&path, at, found, READ)
+        }
+        error => error,
+    })?;
     let is_picture = |kind: &str| matches!(kind, "BRIGHTNESS" | "RGB_COLOR");
     if let Some(kind) = sequence.image_type.as_ref().filter(|kind| !is_picture(kind)) {
         let kind_found = format!("images of type {kind}");
@@ -218,7 +316,7 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
         .filter(|&index| sequence.image(index).is_some())
         .collect();
     if image_indices.is_empty() {
-        return Err(VolumeError::malformed(path, At::Pixels, "no valid image", expected));
+        return Err(VolumeError::malformed(path, At::Pixels, "no valid image", READ));
     }
     let chosen = spread(image_indices.len(), max_frames).map(|n| image_indices[n]);
     let grey = |index: usize| -> Option<Vec<f64>> {
@@ -237,6 +335,7 @@ fn sequence(path: &Path, max_frames: usize) -> Result<Vec<Picture>, VolumeError>
                 .map_or_else(Vec::new, |colours| colours.into_iter().map(is_coloured).collect()),
             mm: sequence.spacing_mm.or_else(|| scale(&sequence, index)),
             neighbour: grey(index + 1).or_else(|| grey(index.checked_sub(1)?)),
+            ..Picture::default()
         })
     });
     Ok(pictures.collect())

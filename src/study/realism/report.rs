@@ -5,7 +5,7 @@ use std::fmt;
 use image::{GrayImage, imageops};
 
 use super::picture::Picture;
-use super::{BIN_LEVELS, FrameReport, LIMIT, LikenessReport, LikenessVerdict, MeasureComparison};
+use super::{BIN_LEVELS, FrameReport, GroupComparison, LIMIT, LikenessReport, LikenessVerdict, MeasureComparison};
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -52,32 +52,29 @@ impl LikenessVerdict {
     }
 }
 
-impl LikenessReport {
+impl GroupComparison {
     /// States how many measures are inside and outside.
     fn summary(&self) -> String {
         let count = |verdict| self.measures.iter().filter(|row| row.verdict == Some(verdict)).count();
         let (inside, outside) = (count(LikenessVerdict::Inside), count(LikenessVerdict::Outside));
-        format!(
-            "{inside} of {} measures lie within {LIMIT} standard deviations of the real frames ({} frames against {})",
-            inside + outside,
-            self.frames.len(),
-            self.real.len()
-        )
+        let group = named(&self.group);
+        let sides = format!("({} frames against {})", self.frames.len(), self.real.len());
+        match inside + outside {
+            0 => format!("{group}: no verdict {sides}"),
+            all => format!(
+                "{group}: {inside} of {all} measures lie within {LIMIT} standard deviations of the real frames {sides}"
+            ),
+        }
     }
 
-    /// Returns the report as one self-contained HTML document, with a picture of each side.
-    ///
-    /// # Errors
-    /// [`OutputError`] if a plot cannot be drawn.
-    pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, OutputError> {
-        let mut page = Page::new("Frames against real frames");
+    /// Appends pictures of both sides, the table, plots and the lists of frames.
+    fn put(&self, page: &mut Page, frames: &[Picture], real: &[Picture]) -> Result<(), OutputError> {
+        page.put(format_args!("<h2>{}</h2>", escape(&named(&self.group))));
         page.paragraph("", &(self.summary() + "."));
-        for note in &self.notes {
-            page.paragraph("warning", &(note.clone() + "."));
-        }
-        let sides = [("frames", frames), ("real frames", real)];
-        let example = sides.map(|(side, pictures)| {
-            let picture = pictures.first()?;
+        let sides = [("frames", &self.frames, frames), ("real frames", &self.real, real)];
+        let example = sides.map(|(side, reports, pictures)| {
+            let first = reports.first()?;
+            let picture = pictures.iter().find(|picture| picture.name == first.name)?;
             Some((small(picture)?, format!("{side}: {}", named(&picture.name))))
         });
         page.pictures(
@@ -85,11 +82,6 @@ impl LikenessReport {
                 .iter()
                 .flatten()
                 .map(|(picture, caption)| (picture, caption.clone())),
-        );
-        page.paragraph(
-            "soft",
-            "Mean and standard deviation over the frames. A difference is that of the means in standard deviations of the real frames; a \
-             deviation below the floor of a measure counts as the floor.",
         );
         let [ours, real, difference, floor] = ["frames", "real frames", "difference", "floor"].map(Cell::number);
         let head = [Cell::from("measure"), ours, real, difference, floor, Cell::from("")];
@@ -107,7 +99,7 @@ impl LikenessReport {
         page.stacked(&Table::new(head).with(rows));
         page.plots(&self.plots())?;
         for (side, frames) in [("Frames", &self.frames), ("Real frames", &self.real)] {
-            page.put(format_args!("<h2>{side}</h2><ul>"));
+            page.put(format_args!("<h3>{side}</h3><ul>"));
             for frame in frames {
                 let size = frame
                     .mm_per_pixel
@@ -118,7 +110,7 @@ impl LikenessReport {
             }
             page.put("</ul>");
         }
-        Ok(page.finish())
+        Ok(())
     }
 
     /// Plots histogram and autocorrelations, one line per frame.
@@ -176,6 +168,31 @@ impl LikenessReport {
     }
 }
 
+impl LikenessReport {
+    /// Returns the report as one self-contained HTML document, with a picture of each side of each group.
+    ///
+    /// # Errors
+    /// [`OutputError`] if a plot cannot be drawn.
+    pub fn page(&self, frames: &[Picture], real: &[Picture]) -> Result<String, OutputError> {
+        let mut page = Page::new("Frames against real frames");
+        for group in self.groups.iter().filter(|_| self.groups.len() > 1) {
+            page.paragraph("", &(group.summary() + "."));
+        }
+        for note in &self.notes {
+            page.paragraph("warning", &(note.clone() + "."));
+        }
+        page.paragraph(
+            "soft",
+            "Mean and standard deviation over the frames. A difference is that of the means in standard deviations of the real frames; a \
+             deviation below the floor of a measure counts as the floor.",
+        );
+        for group in &self.groups {
+            group.put(&mut page, frames, real)?;
+        }
+        Ok(page.finish())
+    }
+}
+
 /// Shortens a name from a file to one line.
 pub(crate) fn named(name: &str) -> String {
     text::tail(name, 2 * text::WIDEST_NAME)
@@ -193,8 +210,9 @@ pub(crate) fn small(picture: &Picture) -> Option<GrayImage> {
     })
 }
 
-impl fmt::Display for LikenessReport {
+impl fmt::Display for GroupComparison {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", named(&self.group))?;
         for (side, frames) in [("frames", &self.frames), ("real frames", &self.real)] {
             let names: Vec<String> = frames
                 .iter()
@@ -205,8 +223,16 @@ impl fmt::Display for LikenessReport {
         let [ours, real, difference] = ["frames", "real frames", "difference"].map(Cell::number);
         let head = [Cell::from("measure"), ours, real, difference, Cell::from("verdict")];
         let table = Table::new(head).with(self.measures.iter().map(MeasureComparison::words));
-        write!(f, "\n{}", table.text("  ", &[0, 16, 16, 10]))?;
-        writeln!(f, "\n{}", self.summary())?;
+        writeln!(f, "\n{}", table.text("  ", &[0, 16, 16, 10]))
+    }
+}
+
+impl fmt::Display for LikenessReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.groups.iter().try_for_each(|group| group.fmt(f))?;
+        for group in &self.groups {
+            writeln!(f, "{}", group.summary())?;
+        }
         for note in &self.notes {
             writeln!(f, "note: {note}")?;
         }

@@ -18,6 +18,11 @@ const NEAR_PX: f64 = 1.5;
 const MAX_CURVATURE: f64 = 5e-4;
 /// Largest slope of an array outline at the middle of the sector.
 const MAX_SLOPE: f64 = 0.25;
+/// Largest empty share of a scanline's first millimetres with which it counts as in contact.
+const MAX_EMPTY: f64 = 0.2;
+/// Least share of scanlines in contact with which the array counts as in view. In real frames with a dark stand-off, or
+/// cut by the picture's edge, it is 0.1 to 0.3; in others at least 0.8.
+const MIN_CONTACT: f64 = 0.5;
 
 /// Finds the pixels in the sector: the largest 4-connected region in which grey levels vary (by more than 2 within 5 x
 /// 5 pixels, without coloured overlay), its holes filled, less the 2 pixels that the square adds at its rim. Constant
@@ -103,7 +108,8 @@ pub(super) fn regions(mask: &[bool], width: usize) -> Vec<Vec<usize>> {
 
 /// Returns the share of the first `depth_mm` below the array that is black or outside the sector. The outline of the
 /// array is the line, or downward-bulging arc, that most upper ends of the sector's columns lie on; only scanlines that
-/// meet the sector further down count. `None` if no outline fits a fifth of the columns.
+/// meet the sector further down count. `None` if no outline fits a fifth of the columns, or less than half of the
+/// scanlines are in contact: then a stand-off, the picture's edge or air lies there, and the frame does not tell which.
 pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Option<f64> {
     let (width, mm) = (picture.width, picture.mm?);
     let column = |x: usize| (0..picture.height).map(move |y| y * width + x);
@@ -114,6 +120,7 @@ pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Op
         .filter(|y| mask[y * width..][..width].contains(&true))
         .count() as f64;
     let (mut empty, mut samples) = (0usize, 0usize);
+    let (mut touching, mut scanlines) = (0usize, 0usize);
     for [x, _] in &ends {
         let Some([y, slope]) = outline.at(*x) else {
             continue;
@@ -133,12 +140,15 @@ pub(crate) fn empty_share(picture: &Picture, mask: &[bool], depth_mm: f64) -> Op
             continue;
         }
         let step_mm = (dx * mm[0]).hypot(dy * mm[1]);
-        for n in 0..((depth_mm / step_mm) as usize).min(picture.height) {
-            samples += 1;
-            empty += usize::from(pixel_at(n as f64 + 0.5).is_none_or(|pixel| picture.grey[pixel] <= BLACK));
-        }
+        let count = ((depth_mm / step_mm) as usize).min(picture.height);
+        let is_empty = |n: &usize| pixel_at(*n as f64 + 0.5).is_none_or(|pixel| picture.grey[pixel] <= BLACK);
+        let dark = (0..count).filter(is_empty).count();
+        (empty, samples) = (empty + dark, samples + count);
+        scanlines += 1;
+        touching += usize::from(dark as f64 <= MAX_EMPTY * count as f64);
     }
-    (samples > 0).then(|| empty as f64 / samples as f64)
+    let is_in_view = touching as f64 >= MIN_CONTACT * scanlines as f64;
+    (samples > 0 && is_in_view).then(|| empty as f64 / samples as f64)
 }
 
 /// Lower side of a circle, or a straight line.

@@ -58,6 +58,7 @@ fn picture(width: usize, height: usize, grey: impl Fn(usize, usize) -> f64) -> P
     let places = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
     Picture {
         name: "a.png".to_owned(),
+        group: "liver".to_owned(),
         width,
         height,
         grey: places.map(|(x, y)| grey(x, y).round().clamp(0.0, 255.0)).collect(),
@@ -246,26 +247,60 @@ fn the_sector_is_the_largest_varying_region_without_overlay() {
 
 #[test]
 fn emptiness_below_the_array_is_counted() {
-    // Curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm per pixel; left of the given angle the first 4
-    // mm are empty.
-    let frame = |empty_up_to_deg: f64| {
+    // Curved array of 60 mm radius and 60 degrees, 50 mm deep, at 0.5 mm per pixel; left of the first angle the first 4
+    // mm are empty, left of the second a stand-off of 2.5 mm lies below a line of 1 mm.
+    let frame = |empty_deg: f64, standoff_deg: f64| {
         picture(240, 140, |x, y| {
             let (dx, dy) = (0.5 * (x as f64 - 120.0), 0.5 * y as f64 + 52.0 - 5.0);
             let (radius, angle) = (dx.hypot(dy), dx.atan2(dy).to_degrees());
-            let nearest_mm = if angle < empty_up_to_deg { 64.0 } else { 60.0 };
-            if angle.abs() < 30.0 && (nearest_mm..110.0).contains(&radius) {
-                90.0 + 20.0 * normal(x, y, 2)[0]
-            } else {
+            let nearest_mm = if angle < empty_deg { 64.0 } else { 60.0 };
+            let noise = normal(x, y, 2)[0];
+            if angle.abs() >= 30.0 || !(nearest_mm..110.0).contains(&radius) {
                 0.0
+            } else if angle < standoff_deg && (61.0..63.5).contains(&radius) {
+                0.5 + noise
+            } else {
+                90.0 + 20.0 * noise
             }
         })
     };
-    for (up_to, expected) in [(-30.0, 0.0), (-12.0, 0.3 * 0.8)] {
-        let frame = frame(up_to);
+    let none = -30.0;
+    for (empty_deg, standoff_deg, expected) in [
+        (none, none, Some(0.0)),
+        (-12.0, none, Some(0.3 * 0.8)),
+        (none, -12.0, Some(0.3 * 0.5)),
+        (none, 12.0, None),
+        (none, 30.0, None),
+    ] {
+        let frame = frame(empty_deg, standoff_deg);
         let mask = sector::sector(&frame).expect("a sector");
-        let share = sector::empty_share(&frame, &mask, 5.0).expect("an array");
-        near("empty share", share, expected, 0.06);
+        let share = sector::empty_share(&frame, &mask, 5.0);
+        assert_eq!(share.is_some(), expected.is_some(), "{standoff_deg}: {share:?}");
+        near("empty share", share.unwrap_or(0.0), expected.unwrap_or(0.0), 0.06);
         assert_eq!(sector::empty_share(&Picture { mm: None, ..frame }, &mask, 5.0), None);
+    }
+}
+
+/// Real frames whose array is in view, and those with a dark stand-off or cut by the picture.
+#[test]
+fn contact_of_real_frames_is_known_where_the_array_is_in_view() {
+    let Some(folder) = insonify_testing::shared("real/frames") else {
+        return;
+    };
+    for (name, is_known) in [
+        ("carotid_long_03", true),
+        ("epigastrium_pancreas_01", true),
+        ("muscle_gl_01", true),
+        ("muscle_gm_02", true),
+        ("gallbladder_01", false),
+        ("liver_kidney_01", false),
+        ("lung_linear_01", false),
+        ("spine_lumbar_01", false),
+    ] {
+        let frames = picture::read(&[folder.join(format!("{name}.png"))], 1, None).expect("a frame");
+        let parts = FrameMeasurements::of(&frames[0]).expect("parts");
+        assert_eq!(parts.empty.is_some(), is_known, "{name}: {:?}", parts.empty);
+        assert!(parts.empty.is_none_or(|share| share < 0.1), "{name}: {:?}", parts.empty);
     }
 }
 
@@ -340,7 +375,7 @@ fn dark_windows_are_found_in_fluid() {
 }
 
 fn row<'a>(report: &'a LikenessReport, key: &str) -> &'a MeasureComparison {
-    report
+    report.groups[0]
         .measures
         .iter()
         .find(|row| row.measure.key == key)
@@ -351,14 +386,14 @@ fn row<'a>(report: &'a LikenessReport, key: &str) -> &'a MeasureComparison {
 fn differences_are_in_spreads_of_the_real_frames() {
     let real = [even(80.0, 1), even(92.0, 2), even(86.0, 3)];
     let comparison = compare(&real, &real).expect("a report");
-    for row in &comparison.measures {
+    for row in &comparison.groups[0].measures {
         assert!(
             row.difference.is_none_or(|d| d == 0.0) && row.verdict != Some(LikenessVerdict::Outside),
             "{row:?}"
         );
     }
     assert!(
-        comparison
+        comparison.groups[0]
             .measures
             .iter()
             .filter(|row| row.verdict == Some(LikenessVerdict::Inside))
@@ -384,18 +419,62 @@ fn differences_are_in_spreads_of_the_real_frames() {
         (ours - real_std.mean) / std.measure.floor,
         1e-12,
     );
-    let single = compare(&real, &real[..1]).expect("a report");
-    assert!(
-        single
-            .measures
-            .iter()
-            .all(|row| row.difference.is_none() && row.verdict.is_none())
-    );
-    assert!(
-        single.notes.iter().any(|note| note.contains("no spread")),
-        "{:?}",
-        single.notes
-    );
+    // Two are no distribution: values, and the spread of two, without a verdict.
+    let two = compare(&real, &real[..2]).expect("a report");
+    let rows = &two.groups[0].measures;
+    assert!(rows.iter().all(|row| row.difference.is_none() && row.verdict.is_none()));
+    assert!(row(&two, "grey_mean").real.as_ref().is_some_and(|real| real.spread.is_some()));
+    assert!(two.notes.iter().any(|note| note.contains("no distribution (liver)")), "{:?}", two.notes);
+    assert!(two.to_string().contains("liver: no verdict (3 frames against 2)"), "{two}");
+}
+
+/// Frames of a group whose means rise by 6 grey levels.
+fn group(name: &str, count: u32, mean: f64) -> Vec<Picture> {
+    let frame = |n: u32| Picture {
+        name: format!("{name}_{n}.png"),
+        group: name.to_owned(),
+        ..even(mean + 6.0 * f64::from(n), n)
+    };
+    (0..count).map(frame).collect()
+}
+
+#[test]
+fn groups_are_compared_with_those_of_their_name() {
+    let real = [group("heart", 2, 60.0), group("kidney", 3, 110.0), group("liver", 3, 80.0)].concat();
+    // Within the spread of all real frames, and outside that of the liver's.
+    let ours = [group("liver", 2, 110.0), group("lung", 1, 90.0)].concat();
+    let report = compare(&ours, &real).expect("a report");
+    let names = |report: &LikenessReport| -> Vec<String> {
+        report.groups.iter().map(|group| group.group.clone()).collect()
+    };
+    assert_eq!(names(&report), ["liver"]);
+    assert_eq!((report.groups[0].frames.len(), report.groups[0].real.len()), (2, 3));
+    assert_eq!(row(&report, "grey_mean").verdict, Some(LikenessVerdict::Outside));
+    let notes = report.notes.join("\n");
+    for note in [
+        "groups are sub-folders, else files",
+        "frames without real frames of their group are left out: lung",
+        "real frames without frames of their group are left out: heart, kidney",
+    ] {
+        assert!(notes.contains(note), "{notes}");
+    }
+    // A single group without its like is compared with each, on either side.
+    let frame = group("frame", 3, 90.0);
+    let each = compare(&frame, &real).expect("a report");
+    assert_eq!(names(&each), ["frame against heart", "frame against kidney", "frame against liver"]);
+    assert!(each.groups[0].measures.iter().all(|row| row.verdict.is_none()));
+    assert!(each.notes.iter().any(|note| note.contains("no distribution (heart)")), "{:?}", each.notes);
+    let text = each.to_string();
+    assert!(text.contains("frame against heart: no verdict") && text.contains("frame against liver: "), "{text}");
+    let page = each.page(&frame, &real).expect("a page");
+    assert!(page.contains("<h2>frame against kidney</h2>") && page.matches("data:image/png;base64,").count() == 6);
+    let json = serde_json::to_value(&each).expect("JSON");
+    assert!(json["groups"].as_array().map(Vec::len) == Some(3) && json["measures"].is_null(), "{json}");
+    assert_eq!(names(&compare(&real, &frame).expect("a report"))[2], "liver against frame");
+    let error = compare(&[group("lung", 1, 90.0), frame].concat(), &real).unwrap_err().to_string();
+    for word in ["frame, lung", "heart, kidney, liver", "liver_01.png", "a single group"] {
+        assert!(error.contains(word), "{error}");
+    }
 }
 
 #[test]
@@ -405,7 +484,7 @@ fn frames_of_unknown_scale_lack_millimetres_alone() {
         ..even(80.0, 1)
     };
     let report = compare(&[unknown], &[even(80.0, 2), even(82.0, 3)]).expect("a report");
-    for row in &report.measures {
+    for row in &report.groups[0].measures {
         let needs =
             row.measure.unit == "mm" || ["empty_5mm", "blocks_4mm_db", "blocks_8mm_db"].contains(&row.measure.key);
         assert!(!needs || row.frames.is_none(), "{}", row.measure.key);
@@ -452,13 +531,13 @@ fn frames_without_a_window_or_a_sector_are_refused() {
 
 #[test]
 fn text_page_and_json_say_the_same() {
-    let (ours, real) = ([even(90.0, 4)], [even(80.0, 1), even(84.0, 2)]);
+    let (ours, real) = ([even(90.0, 4)], [even(80.0, 1), even(84.0, 2), even(82.0, 3)]);
     let report = compare(&ours, &real).expect("a report");
     let (text, page) = (report.to_string(), report.page(&ours, &real).expect("a page"));
     let json = serde_json::to_value(&report).expect("JSON");
     assert_eq!(json["measures"].as_array().map(Vec::len), Some(MEASURES.len()));
-    for (row, json) in report
-        .measures
+    let rows = &report.groups[0].measures;
+    for (row, json) in rows
         .iter()
         .zip(json["measures"].as_array().expect("measures"))
     {
@@ -473,8 +552,7 @@ fn text_page_and_json_say_the_same() {
         );
     }
     assert!(page.matches("data:image/png;base64,").count() == 2 && page.matches("<svg").count() == 3);
-    let inside = report
-        .measures
+    let inside = rows
         .iter()
         .filter(|row| row.verdict == Some(LikenessVerdict::Inside))
         .count();

@@ -8,7 +8,7 @@ use image::GrayImage;
 use super::exercise::GROUPS;
 use super::groups::{Comparison, SIGNIFICANT, Spread, quantile};
 use super::{COUNT, MEANINGS, NAMES, Score, UNITS};
-use crate::realism::picture::decoded_png;
+use crate::realism::picture::decoded;
 use insonify_base::number::fixed;
 use insonify_base::output::OutputError;
 use insonify_base::table::{Cell, Table};
@@ -158,7 +158,7 @@ pub fn picture(run: &Path, time_s: f64, end_s: f64) -> Option<GrayImage> {
     files.sort();
     let last_index = files.len().checked_sub(1)?;
     let index = (time_s / end_s.max(f64::MIN_POSITIVE) * last_index as f64).round() as usize;
-    Some(decoded_png(files.get(index.min(last_index))?).ok()?.into_luma8())
+    Some(decoded(files.get(index.min(last_index))?).ok()?.into_luma8())
 }
 
 fn p_in_words(p: Option<f64>) -> String {

@@ -3,7 +3,7 @@
 use dicom_dictionary_std::tags;
 use dicom_object::{DefaultDicomObject, InMemDicomObject, Tag};
 
-use super::super::MAX_SIDE_PX;
+use super::super::{JPEG_START, MAX_SIDE_PX, jpeg_sizes};
 
 /// Transfer syntaxes that are read (PS3.6 A): pixels as they are, RLE, and JPEG with 8 and 12 bits and without loss.
 const PLAIN: [&str; 5] = [
@@ -143,36 +143,16 @@ impl Size {
 
     /// Fault of a fragment that begins a JPEG image: its own header must state the same sizes.
     fn jpeg_fault(&self, fragment: &[u8]) -> Option<String> {
-        let Some(mut rest) = fragment.strip_prefix(&[0xff, 0xd8]) else {
-            // It goes on with an image that another one began.
+        // Else it goes on with an image that another one began.
+        if !fragment.starts_with(&JPEG_START) {
             return None;
-        };
-        while let [0xff, marker, high, low, segment @ ..] = rest {
-            // A start of frame, of any process but hierarchical ones (ISO 10918-1, table B.1).
-            if (0xc0..=0xcf).contains(marker) && ![0xc4, 0xc8, 0xcc].contains(marker) {
-                let [bits, rows_high, rows_low, columns_high, columns_low, samples, ..] = *segment else {
-                    break;
-                };
-                let [rows, columns] = [[rows_high, rows_low], [columns_high, columns_low]].map(u16::from_be_bytes);
-                let stated = [usize::from(columns), usize::from(rows), usize::from(samples)];
-                let [columns, rows, samples] = stated;
-                let differs = stated != [self.columns, self.rows, self.samples];
-                let differs = differs || usize::from(bits) > 8 * self.bytes_per_sample;
-                return differs.then(|| {
-                    format!("a JPEG image of {columns} x {rows} pixels with {samples} samples of {bits} bits")
-                });
-            }
-            match *marker {
-                0xff => rest = &rest[1..],
-                // Markers without a segment do not precede the sizes.
-                0x01 | 0xd0..=0xd9 => break,
-                _ => {
-                    let length = usize::from(u16::from_be_bytes([*high, *low]));
-                    rest = rest.get(2 + length.max(2)..).unwrap_or_default();
-                }
-            }
         }
-        Some("a JPEG image without sizes".to_owned())
+        let Some([columns, rows, samples, bits]) = jpeg_sizes(fragment) else {
+            return Some("a JPEG image without sizes".to_owned());
+        };
+        let differs = [columns, rows, samples] != [self.columns, self.rows, self.samples];
+        (differs || bits > 8 * self.bytes_per_sample)
+            .then(|| format!("a JPEG image of {columns} x {rows} pixels with {samples} samples of {bits} bits"))
     }
 }
 
