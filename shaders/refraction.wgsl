@@ -2,6 +2,7 @@
 // Twin of src/imaging/effects/refraction.rs.
 #import label_row
 #import prefix_sum
+#import decaying_sum
 
 struct Params {
     lines: u32,
@@ -85,27 +86,6 @@ fn term(first: u32, after: f32, sample: u32) -> f32 {
     return (near + after * (far - near)) * (params.unit / (apart * apart));
 }
 
-var<workgroup> sums: array<f32, THREADS>;
-
-// Sum of the threads before one, decaying by `fading` (log2) per thread.
-fn decaying(thread: u32, sum: f32, fading: f32) -> f32 {
-    sums[thread] = sum;
-    workgroupBarrier();
-    for (var reach = 1u; reach < THREADS; reach *= 2u) {
-        var before = 0.0;
-        if thread >= reach {
-            before = sums[thread - reach];
-        }
-        workgroupBarrier();
-        sums[thread] += before * exp2(fading * f32(reach));
-        workgroupBarrier();
-    }
-    if thread == 0u {
-        return 0.0;
-    }
-    return sums[thread - 1u];
-}
-
 @compute @workgroup_size(256)
 fn spread(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
     let each = (params.samples + THREADS - 1u) / THREADS;
@@ -121,7 +101,7 @@ fn spread(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) g
     for (var i = start; i < end; i++) {
         sum = sum * left + term(u32(first), after, i);
     }
-    var above = decaying(thread, sum, params.fading * f32(each));
+    var above = decaying_sum(thread, sum, params.fading * f32(each));
     for (var i = start; i < end; i++) {
         above = above * left + term(u32(first), after, i);
         amplitudes[line + i] *= min(1.0 / abs(1.0 + above), MAX);

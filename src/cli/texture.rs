@@ -182,12 +182,9 @@ impl TextureArgs {
 
     fn prepared(&self, image: &PathBuf, region: [f64; 4], voxel_mm: Option<f64>) -> Result<PreparedExemplar, Error> {
         let pictures = read(std::slice::from_ref(image), 1, self.mm_per_pixel)?;
-        let picture: &Picture = pictures.first().ok_or_else(|| {
-            usage(
-                format!("{}: no image", image.display()),
-                "name a picture or a sequence",
-            )
-        })?;
+        let picture: &Picture = pictures
+            .first()
+            .ok_or_else(|| usage(format!("{}: no image", image.display()), "name a picture or a sequence"))?;
         let Some(pixel_mm) = picture.mm else {
             let found = format!("{}: the size of a pixel is not stated", image.display());
             return Err(usage(found, "give --mm-per-pixel"));

@@ -419,6 +419,8 @@ registry! {
         derives refraction::Derived, columns refraction::Columns;
     blur: Option<Blur> = "Radial blur about the probe's virtual apex.",
         derives blur::Derived;
+    haze: Option<Haze> = "Diffuse echoes that reach the array by other paths than the beam: what is dark beside tissue is not black.",
+        derives haze::Derived, columns haze::Columns<T>;
     receiver: Option<Receiver> = "Electronic noise and acoustic clutter.",
         derives receiver::Derived;
     tone: Option<Tone> with Curve

@@ -188,8 +188,7 @@ fn pixel_mm(picture: &Picture, outline: Outline, depth_mm: Option<f64>) -> Resul
 pub fn fit(picture: &Picture, depth_mm: Option<f64>, range_db: Option<f64>, seed: u64) -> Result<Match, Error> {
     let mask = sector_of(picture)?;
     let Some(outline) = Outline::of(&mask, picture.width) else {
-        let expected =
-            "a fan or a rectangle, the array at the top: turn frames with the array at the bottom upside down, and crop frames to \
+        let expected = "a fan or a rectangle, the array at the top: turn frames with the array at the bottom upside down, and crop frames to \
              the part that shows echoes";
         return Err(refuse(picture, "a sector whose edges are no lines and arcs", expected).into());
     };

@@ -224,7 +224,8 @@ impl MeasureSummary {
 
     /// Spread of enough frames to be one of a distribution.
     fn reliable_spread(&self) -> Option<f64> {
-        self.spread.filter(|_| self.values.iter().flatten().count() >= LEAST_REAL)
+        self.spread
+            .filter(|_| self.values.iter().flatten().count() >= LEAST_REAL)
     }
 }
 
@@ -313,7 +314,10 @@ fn names_of(pictures: &[Picture]) -> BTreeSet<&str> {
 
 /// Joins names of groups, those that are shown of many.
 fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
-    let names: Vec<String> = names.into_iter().map(|name| text::tail(name, text::WIDEST_NAME)).collect();
+    let names: Vec<String> = names
+        .into_iter()
+        .map(|name| text::tail(name, text::WIDEST_NAME))
+        .collect();
     text::some_of(&names)
 }
 
@@ -348,14 +352,23 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, V
         notes.push("groups are sub-folders, else files whose names differ only in the number at the end".to_owned());
     }
     let paired = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect::<BTreeSet<&str>>());
-    for (side, [kind, other]) in [["frames", "real frames"], ["real frames", "frames"]].into_iter().enumerate() {
+    for (side, [kind, other]) in [["frames", "real frames"], ["real frames", "frames"]]
+        .into_iter()
+        .enumerate()
+    {
         let alone: Vec<&str> = names[side].difference(&paired[side]).copied().collect();
         if !alone.is_empty() {
-            notes.push(format!("{kind} without {other} of their group are left out: {}", listed(alone)));
+            notes.push(format!(
+                "{kind} without {other} of their group are left out: {}",
+                listed(alone)
+            ));
         }
     }
     let measured = |pictures: &[Picture], paired: &BTreeSet<&str>| -> Result<BTreeMap<String, Vec<FrameReport>>, _> {
-        let used: Vec<&Picture> = pictures.iter().filter(|it| paired.contains(it.group.as_str())).collect();
+        let used: Vec<&Picture> = pictures
+            .iter()
+            .filter(|it| paired.contains(it.group.as_str()))
+            .collect();
         let reports = parallel::try_map(&used[..], &|picture: &&Picture| FrameReport::of(picture))?;
         let mut groups = BTreeMap::<String, Vec<FrameReport>>::new();
         for (picture, report) in used.iter().zip(reports) {

@@ -7,7 +7,8 @@ macro_rules! parts {
 }
 
 /// Name and WGSL source of each part.
-const PARTS: &[(&str, &str)] = parts! { "hash" "label_row" "power" "prefix_sum" "scatterer" "texture" "voxels" };
+const PARTS: &[(&str, &str)] =
+    parts! { "decaying_sum" "hash" "label_row" "power" "prefix_sum" "scatterer" "texture" "voxels" };
 
 /// WGSL source of a shader behind the parts that it imports, and that these import, each once. An import of no known
 /// name stays in the source, where it is an error of compilation.

@@ -22,7 +22,7 @@
 
 #[cfg(any(test, feature = "analysis"))]
 pub(crate) mod bound;
-mod clutter;
+pub(crate) mod clutter;
 #[cfg(test)]
 mod parity;
 #[cfg(test)]
@@ -105,9 +105,13 @@ impl Receiver {
     /// Power of clutter and ring-down at each sample, scanline by scanline.
     fn clutter(&self, clutter_db: f64, key: &Key) -> Vec<f32> {
         let grid = key.grid;
-        let mut table = clutter::table(grid, &key.spread, key.seed, |depth_mm| {
-            self.clutter_power(clutter_db, depth_mm, key.attenuation.db_at(depth_mm))
-        });
+        let bands = clutter::bands(grid, key.seed).into_iter().enumerate();
+        let power = |(sample, band): (usize, f64)| {
+            let depth_mm = grid.sample_depth_mm(sample);
+            (band * self.clutter_power(clutter_db, depth_mm, key.attenuation.db_at(depth_mm))) as f32
+        };
+        let means: Vec<f32> = bands.map(power).collect();
+        let mut table = clutter::table(grid, &key.spread, key.seed, clutter::SPARSE, &means);
         let ring_down = |sample: usize| self.ring_down_power(grid.sample_depth_mm(sample), key.frequency_mhz) as f32;
         let ring_down: Vec<f32> = (0..grid.samples()).map(ring_down).collect();
         for scanline in table.chunks_mut(grid.samples()) {

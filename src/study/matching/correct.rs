@@ -41,7 +41,12 @@ fn lowest(values: impl Iterator<Item = f64>) -> f64 {
 impl Bench<'_> {
     /// Corrects a model by its phantoms in one round and returns the largest relative change. Once grey levels are more
     /// even than speckle of any range, the range is held at its default.
-    pub(crate) fn correct(&mut self, model: &mut Model, real: &WindowMeasurements, phantom: &WindowMeasurements) -> f64 {
+    pub(crate) fn correct(
+        &mut self,
+        model: &mut Model,
+        real: &WindowMeasurements,
+        phantom: &WindowMeasurements,
+    ) -> f64 {
         let before = model.clone();
         let ratio = |measure: &dyn Fn(&Texture) -> Option<f64>| {
             let [real, phantom] =

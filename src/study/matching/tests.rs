@@ -395,7 +395,11 @@ fn a_dynamic_range_that_smoothing_hides_is_told_and_can_be_stated() {
         *grey = (middle + 0.25 * (*grey - middle)).round();
     }
     let note = |result: &Match| {
-        let notes: Vec<&String> = result.notes.iter().filter(|note| note.contains("cannot be known")).collect();
+        let notes: Vec<&String> = result
+            .notes
+            .iter()
+            .filter(|note| note.contains("cannot be known"))
+            .collect();
         notes.first().map(|note| note.to_string())
     };
     let unknown = fit(&smoothed, None, None, 0).unwrap();
@@ -404,7 +408,10 @@ fn a_dynamic_range_that_smoothing_hides_is_told_and_can_be_stated() {
         assert!(text.contains(word), "{text}");
     }
     assert_eq!(value(&unknown, "dynamic_range_db"), 60.0);
-    assert!(unknown.scene.contains("cannot be known") && unknown.residual < 0.1, "{unknown}");
+    assert!(
+        unknown.scene.contains("cannot be known") && unknown.residual < 0.1,
+        "{unknown}"
+    );
     // Means are those of the frame all the same.
     let greys = |measured: &WindowMeasurements| measured.depths.iter().map(|depth| depth.grey).sum::<f64>() / 5.0;
     near("grey", greys(&unknown.matched), greys(&unknown.real), 3.0);

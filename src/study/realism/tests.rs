@@ -423,9 +423,21 @@ fn differences_are_in_spreads_of_the_real_frames() {
     let two = compare(&real, &real[..2]).expect("a report");
     let rows = &two.groups[0].measures;
     assert!(rows.iter().all(|row| row.difference.is_none() && row.verdict.is_none()));
-    assert!(row(&two, "grey_mean").real.as_ref().is_some_and(|real| real.spread.is_some()));
-    assert!(two.notes.iter().any(|note| note.contains("no distribution (liver)")), "{:?}", two.notes);
-    assert!(two.to_string().contains("liver: no verdict (3 frames against 2)"), "{two}");
+    assert!(
+        row(&two, "grey_mean")
+            .real
+            .as_ref()
+            .is_some_and(|real| real.spread.is_some())
+    );
+    assert!(
+        two.notes.iter().any(|note| note.contains("no distribution (liver)")),
+        "{:?}",
+        two.notes
+    );
+    assert!(
+        two.to_string().contains("liver: no verdict (3 frames against 2)"),
+        "{two}"
+    );
 }
 
 /// Frames of a group whose means rise by 6 grey levels.
@@ -440,13 +452,17 @@ fn group(name: &str, count: u32, mean: f64) -> Vec<Picture> {
 
 #[test]
 fn groups_are_compared_with_those_of_their_name() {
-    let real = [group("heart", 2, 60.0), group("kidney", 3, 110.0), group("liver", 3, 80.0)].concat();
+    let real = [
+        group("heart", 2, 60.0),
+        group("kidney", 3, 110.0),
+        group("liver", 3, 80.0),
+    ]
+    .concat();
     // Within the spread of all real frames, and outside that of the liver's.
     let ours = [group("liver", 2, 110.0), group("lung", 1, 90.0)].concat();
     let report = compare(&ours, &real).expect("a report");
-    let names = |report: &LikenessReport| -> Vec<String> {
-        report.groups.iter().map(|group| group.group.clone()).collect()
-    };
+    let names =
+        |report: &LikenessReport| -> Vec<String> { report.groups.iter().map(|group| group.group.clone()).collect() };
     assert_eq!(names(&report), ["liver"]);
     assert_eq!((report.groups[0].frames.len(), report.groups[0].real.len()), (2, 3));
     assert_eq!(row(&report, "grey_mean").verdict, Some(LikenessVerdict::Outside));
@@ -461,17 +477,35 @@ fn groups_are_compared_with_those_of_their_name() {
     // A single group without its like is compared with each, on either side.
     let frame = group("frame", 3, 90.0);
     let each = compare(&frame, &real).expect("a report");
-    assert_eq!(names(&each), ["frame against heart", "frame against kidney", "frame against liver"]);
+    assert_eq!(
+        names(&each),
+        ["frame against heart", "frame against kidney", "frame against liver"]
+    );
     assert!(each.groups[0].measures.iter().all(|row| row.verdict.is_none()));
-    assert!(each.notes.iter().any(|note| note.contains("no distribution (heart)")), "{:?}", each.notes);
+    assert!(
+        each.notes.iter().any(|note| note.contains("no distribution (heart)")),
+        "{:?}",
+        each.notes
+    );
     let text = each.to_string();
-    assert!(text.contains("frame against heart: no verdict") && text.contains("frame against liver: "), "{text}");
+    assert!(
+        text.contains("frame against heart: no verdict") && text.contains("frame against liver: "),
+        "{text}"
+    );
     let page = each.page(&frame, &real).expect("a page");
     assert!(page.contains("<h2>frame against kidney</h2>") && page.matches("data:image/png;base64,").count() == 6);
     let json = serde_json::to_value(&each).expect("JSON");
-    assert!(json["groups"].as_array().map(Vec::len) == Some(3) && json["measures"].is_null(), "{json}");
-    assert_eq!(names(&compare(&real, &frame).expect("a report"))[2], "liver against frame");
-    let error = compare(&[group("lung", 1, 90.0), frame].concat(), &real).unwrap_err().to_string();
+    assert!(
+        json["groups"].as_array().map(Vec::len) == Some(3) && json["measures"].is_null(),
+        "{json}"
+    );
+    assert_eq!(
+        names(&compare(&real, &frame).expect("a report"))[2],
+        "liver against frame"
+    );
+    let error = compare(&[group("lung", 1, 90.0), frame].concat(), &real)
+        .unwrap_err()
+        .to_string();
     for word in ["frame, lung", "heart, kidney, liver", "liver_01.png", "a single group"] {
         assert!(error.contains(word), "{error}");
     }
@@ -537,10 +571,7 @@ fn text_page_and_json_say_the_same() {
     let json = serde_json::to_value(&report).expect("JSON");
     assert_eq!(json["measures"].as_array().map(Vec::len), Some(MEASURES.len()));
     let rows = &report.groups[0].measures;
-    for (row, json) in rows
-        .iter()
-        .zip(json["measures"].as_array().expect("measures"))
-    {
+    for (row, json) in rows.iter().zip(json["measures"].as_array().expect("measures")) {
         assert_eq!(
             (&json["key"], &json["unit"]),
             (&row.measure.key.into(), &row.measure.unit.into())

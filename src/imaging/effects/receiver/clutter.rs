@@ -1,6 +1,6 @@
-//! Acoustic clutter of a probe: sparse, coherent, shaped by the point spread.
+//! Acoustic clutter of a probe: coherent, shaped by the point spread.
 //!
-//! The density of echoes is such that the ratio of mean and standard deviation of the envelope is the measured one,
+//! The density of echoes of [`SPARSE`] is such that the ratio of mean and standard deviation of the envelope is the measured one,
 //! 1.40 +- 0.23 (B. Byram and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths
 //! widen them laterally. Layers of the wall appear repeatedly at one depth on all scanlines: bands of 3 dB, 1 mm thick.
 
@@ -15,8 +15,8 @@ use insonify_tracking::probe::BeamGrid;
 
 /// Lateral length relative to that of the point spread.
 const WIDENED: f64 = 1.8;
-/// Number of echoes per area of the full widths of the kernels.
-const TO_A_CELL: f64 = 1.0;
+/// Number of echoes per area of the full widths of the kernels, of clutter of the body wall.
+pub(crate) const SPARSE: f64 = 1.0;
 /// Standard deviation of the bands, dB, and their thickness, mm.
 const BANDS_DB: f64 = 3.0;
 const BANDS_MM: f64 = 1.0;
@@ -27,11 +27,10 @@ const PHASES: usize = 256;
 /// Stream that separates these draws from others with the same seed.
 const STREAM: u32 = 0x0c1a_77e2;
 
-/// Power at each sample, scanline by scanline, of mean `power(depth_mm)`.
-pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: impl Fn(f64) -> f64) -> Vec<f32> {
+/// Power at each sample, scanline by scanline, of a mean by sample, with this number of echoes per cell.
+pub(crate) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, per_cell: f64, means: &[f32]) -> Vec<f32> {
     let (lines, samples) = (grid.lines(), grid.samples());
-    let [low, high] = seed_words(seed);
-    let seed = [low, high ^ STREAM];
+    let seed = words(seed);
     let axial = kernel(spread.axial_mm / grid.sample_spacing_mm());
     let across: Vec<Vec<f64>> = (0..samples)
         .map(|sample| {
@@ -39,12 +38,8 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
             kernel(WIDENED * spread.lateral_at(depth) / grid.lateral_spacing_mm(depth).max(1e-6))
         })
         .collect();
-    let bands = bands(grid, seed);
-    let means: Vec<f32> = (0..samples)
-        .map(|sample| (bands[sample] * power(grid.sample_depth_mm(sample))) as f32)
-        .collect();
     let axial_width = width(&axial);
-    let share = |across: &Vec<f64>| (TO_A_CELL / (axial_width * width(across))).min(1.0);
+    let share = |across: &Vec<f64>| (per_cell / (axial_width * width(across))).min(1.0);
     let shares: Vec<f64> = across.iter().map(share).collect();
     let limits: Vec<u32> = shares.iter().map(|share| (share * WORDS).ceil() as u32).collect();
     // The kernel is separable: along each scanline first, where it is the same at all depths, then across, where it
@@ -85,7 +80,7 @@ pub(super) fn table(grid: &BeamGrid, spread: &PointSpread, seed: u64, power: imp
             scanlines: &scanlines,
             reach: (length - samples) / 2,
             line_and_count: [line, lines],
-            means: &means,
+            means,
             norms: &whole,
             clutter,
         });
@@ -217,8 +212,14 @@ fn norms(kernel: &[f64], count: usize) -> Vec<f32> {
     (0..count).map(norm).collect()
 }
 
+fn words(seed: u64) -> [u32; 2] {
+    let [low, high] = seed_words(seed);
+    [low, high ^ STREAM]
+}
+
 /// Log-normal factor on the power at each sample depth, of mean 1.
-fn bands(grid: &BeamGrid, seed: [u32; 2]) -> Vec<f64> {
+pub(super) fn bands(grid: &BeamGrid, seed: u64) -> Vec<f64> {
+    let seed = words(seed);
     let kernel = kernel(BANDS_MM / grid.sample_spacing_mm());
     let reach = (kernel.len() / 2) as i32;
     let norm = kernel.iter().map(|weight| weight * weight).sum::<f64>().sqrt();
@@ -257,10 +258,12 @@ mod tests {
             ..Speckle::default()
         };
         let spread = PointSpread::new(&speckle, &probe, Attenuation::default());
+        let means =
+            |grid: &BeamGrid, seed| -> Vec<f32> { bands(grid, seed).into_iter().map(|band| band as f32).collect() };
         let (mut mean, mut snr, mut half) = (0.0, 0.0, 0.0);
         const SEEDS: u64 = 4;
         for seed in 0..SEEDS {
-            let power = table(&grid, &spread, seed, |_| 1.0);
+            let power = table(&grid, &spread, seed, SPARSE, &means(&grid, seed));
             mean += power.iter().map(|&power| f64::from(power)).sum::<f64>() / power.len() as f64;
             // At single depths, without the bands.
             for sample in (0..grid.samples()).step_by(8) {

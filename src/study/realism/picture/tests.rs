@@ -104,8 +104,14 @@ fn other_files_are_named_with_a_converter_and_without_their_bytes() {
         let path = folder.path().join(name);
         std::fs::write(&path, bytes).unwrap();
         let error = read(&[path], 1, None).unwrap_err().to_string();
-        assert!(error.contains(says) && error.contains(".jpg") && error.contains("magick"), "{error}");
-        assert!(!error.contains('\u{fffd}') && !error.contains("JFIF") && !error.contains("label"), "{error}");
+        assert!(
+            error.contains(says) && error.contains(".jpg") && error.contains("magick"),
+            "{error}"
+        );
+        assert!(
+            !error.contains('\u{fffd}') && !error.contains("JFIF") && !error.contains("label"),
+            "{error}"
+        );
     }
 }
 
@@ -137,5 +143,8 @@ fn groups_are_sub_folders_several_folders_or_names_without_their_number() {
     assert_eq!(groups(&["flat"]), ["flat", "liver", "heart_a4c", "liver"]);
     assert_eq!(groups(&["tree"]), ["kidney", "lung", "lung"]);
     assert_eq!(groups(&["tree/lung"]), ["a", "b"]);
-    assert_eq!(groups(&["tree/lung", "tree/Kidney", "flat/003.png"]), ["lung", "lung", "kidney", "flat"]);
+    assert_eq!(
+        groups(&["tree/lung", "tree/Kidney", "flat/003.png"]),
+        ["lung", "lung", "kidney", "flat"]
+    );
 }

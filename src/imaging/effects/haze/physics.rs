@@ -1,0 +1,139 @@
+//! Haze: the share of what lies around by distance along and across the beam, and fully developed speckle.
+
+use insonify_imaging::effects::haze::Haze;
+use insonify_imaging::synth::Backend;
+use insonify_imaging::synth::layers::Beam;
+use insonify_tracking::probe::{Linear, ProbeShape};
+
+use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
+use crate::support::scene::{self, beam_after, precisions};
+use crate::support::stats::mean;
+
+const LINES: u32 = 240;
+const SAMPLES: u32 = 600;
+const WIDTH_MM: f64 = 60.0;
+const DEPTH_MM: f64 = 60.0;
+
+/// Beam of tissue without speckle where `is_tissue` holds of lateral position and depth, mm, and silent tissue elsewhere.
+fn beam(haze: Haze, backend: &Backend, seed: u64, is_tissue: impl Fn(f64, f64) -> bool + Sync) -> Beam {
+    let frame = Frame::around([0.0, 30.0, 0.0], [160, 180, 3], 0.5);
+    let dark = Acoustics {
+        echo_db: -200.0,
+        ..PLAIN
+    };
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, PLAIN, dark], |p| 1 + u8::from(!is_tissue(p[0], p[1])));
+    let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
+    let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, LINES, SAMPLES), scene::bare());
+    settings.effects.haze = Some(haze);
+    settings.seed = seed;
+    let backend = match backend {
+        Backend::CpuF64 => Backend::CpuF64,
+        _ => Backend::Cpu,
+    };
+    beam_after(&anatomy, &settings, backend, "haze", &scene::straight())
+}
+
+/// Mean power of frames of twelve seeds less that of the echo, where `is_there` holds of lateral position and depth, mm.
+fn power(
+    haze: &Haze,
+    backend: &Backend,
+    is_tissue: impl Fn(f64, f64) -> bool + Sync,
+    is_there: impl Fn(f64, f64) -> bool,
+) -> f64 {
+    let powers = (0..12).flat_map(|seed| {
+        let beam = beam(haze.clone(), backend, seed, &is_tissue);
+        let place = |index: usize| {
+            let [line, sample] = [index / beam.samples, index % beam.samples].map(|n| n as f64 + 0.5);
+            [
+                WIDTH_MM * (line / f64::from(LINES) - 0.5),
+                DEPTH_MM * sample / f64::from(SAMPLES),
+            ]
+        };
+        let there = |index: &usize| {
+            let [x, z] = place(*index);
+            is_there(x, z)
+        };
+        let of = |index: usize| {
+            let [x, z] = place(index);
+            beam.amplitude[index].powi(2) - f64::from(u8::from(is_tissue(x, z)))
+        };
+        (0..beam.amplitude.len()).filter(there).map(of).collect::<Vec<f64>>()
+    });
+    mean(&powers.collect::<Vec<f64>>())
+}
+
+fn near(name: &str, what: f64, power: f64, expected: f64, tolerance: f64) {
+    let error = power / expected - 1.0;
+    assert!(error.abs() < tolerance, "{name}, {what} mm: {power}, not {expected}");
+}
+
+#[test]
+fn tissue_adds_its_share_from_above() {
+    let haze = Haze {
+        level_db: -20.0,
+        lateral_mm: 15.0,
+        axial_mm: 8.0,
+    };
+    for (name, backend) in precisions() {
+        for depth in [2.0, 8.0, 50.0] {
+            let power = power(&haze, &backend, |_, _| true, |_, z| (z - depth).abs() < 1.0);
+            near(name, depth, power, 0.01 * (1.0 - (-depth / 8.0f64).exp()), 0.1);
+        }
+    }
+}
+
+#[test]
+fn haze_fades_below_and_beside_tissue() {
+    let haze = Haze {
+        level_db: -10.0,
+        lateral_mm: 20.0,
+        axial_mm: 5.0,
+    };
+    for (name, backend) in precisions() {
+        for below in [2.0, 10.0, 20.0] {
+            let power = power(&haze, &backend, |_, z| z < 30.0, |_, z| (z - 30.0 - below).abs() < 0.5);
+            near(name, below, power, 0.1 * (-below / 5.0f64).exp(), 0.1);
+        }
+        for beside in [5.0, 15.0, 25.0] {
+            let place = -beside;
+            let power = power(
+                &haze,
+                &backend,
+                |x, _| x > 0.0,
+                |x, z| (x - place).abs() < 1.0 && z > 30.0,
+            );
+            // Of the weights over the array, those of its tissue.
+            let weight = |from: f64, to: f64| -> f64 { (-from / 20.0f64).exp() - (-to / 20.0f64).exp() };
+            let right = weight(beside, beside + 30.0);
+            let all = weight(0.0, beside + 30.0) + weight(0.0, 30.0 - beside);
+            near(name, beside, power, 0.1 * right / all, 0.12);
+        }
+    }
+}
+
+#[test]
+fn haze_is_fully_developed_speckle_and_silent_outside_the_body() {
+    for (name, backend) in precisions() {
+        let beam = beam(Haze::default(), &backend, 3, |x, z| x > 0.0 && z > 1.0);
+        // Dark tissue, where the mean around changes little.
+        let columns = 60..110usize;
+        let dark = |line: usize| (beam.amplitude[line * beam.samples..][..beam.samples][200..].iter()).copied();
+        let values: Vec<f64> = columns.flat_map(dark).collect();
+        let average = mean(&values);
+        let ratio = average / mean(&values.iter().map(|a| (a - average).powi(2)).collect::<Vec<f64>>()).sqrt();
+        assert!(
+            (1.65..2.05).contains(&ratio),
+            "{name}: {ratio}, Rayleigh amplitudes have 1.91"
+        );
+    }
+    let mut settings = scene::settings(scene::probe(scene::SHAPES[0].1, 40.0, 16, 64), scene::bare());
+    settings.effects.haze = Some(Haze::default());
+    let beam = beam_after(
+        &anatomy::uniform(SILENT),
+        &settings,
+        Backend::Cpu,
+        "haze",
+        &scene::straight(),
+    );
+    assert!(beam.amplitude.iter().all(|amplitude| *amplitude == 0.0));
+}
