@@ -21,7 +21,8 @@ counts. Depth runs down the picture. Crop pictures with more than one sector.
 
 Frames are compared by organ or view, without a verdict over all. A group is a sub-folder of the folder given (one of several folders given,
 too), else the files whose names differ only in the number at the end: liver_01.png, liver_02.png. Groups of the same name are compared; if
-there are none, a side with a single group is compared with each. What is left out is told.
+there are none, frames that are each a group of their own are taken as one, and a side with a single group is compared with each. What is
+left out is told.
 
 Frames are PNG, JPEG and DICOM files, folders of them, and image sequences. Millimetres come from the sidecar (`render --sidecar`) beside a
 picture, from the calibrated regions of a DICOM file and from sequences that state them; else from the options.

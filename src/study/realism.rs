@@ -308,9 +308,23 @@ fn single_or_list<S: Serializer>(groups: &[GroupComparison], serializer: S) -> R
     }
 }
 
-fn names_of(pictures: &[Picture]) -> BTreeSet<&str> {
-    pictures.iter().map(|picture| picture.group.as_str()).collect()
+/// Group of each frame of both sides. Sides without a group in common are not sorted by organ: of one whose frames are
+/// each a group of their own, all are one.
+fn groups_of<'a>(sides: [&'a [Picture]; 2]) -> [Vec<&'a str>; 2] {
+    let mut groups = sides.map(|pictures| pictures.iter().map(|it| it.group.as_str()).collect::<Vec<_>>());
+    let names = [0, 1].map(|side| groups[side].iter().copied().collect::<BTreeSet<&str>>());
+    if names[0].is_disjoint(&names[1]) {
+        for (side, all) in SIDES.into_iter().enumerate() {
+            if names[side].len() == groups[side].len() && names[side].len() > 1 {
+                groups[side].fill(all);
+            }
+        }
+    }
+    groups
 }
+
+/// Names of the sides.
+const SIDES: [&str; 2] = ["frames", "real frames"];
 
 /// Joins names of groups, those that are shown of many.
 fn listed<'a>(names: impl IntoIterator<Item = &'a str>) -> String {
@@ -337,7 +351,8 @@ fn pairs<'a>(frames: &BTreeSet<&'a str>, real: &BTreeSet<&'a str>) -> Vec<[&'a s
 /// [`VolumeError`] for a frame smaller than a window, or without a sector at least that large, and if both sides have
 /// several groups and none in common.
 pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, VolumeError> {
-    let names = [frames, real].map(names_of);
+    let groups = groups_of([frames, real]);
+    let names = [0, 1].map(|side| groups[side].iter().copied().collect::<BTreeSet<&str>>());
     let pairs = pairs(&names[0], &names[1]);
     if pairs.is_empty() {
         let [ours, theirs] = names.map(listed);
@@ -352,10 +367,7 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, V
         notes.push("groups are sub-folders, else files whose names differ only in the number at the end".to_owned());
     }
     let paired = [0, 1].map(|side| pairs.iter().map(|pair| pair[side]).collect::<BTreeSet<&str>>());
-    for (side, [kind, other]) in [["frames", "real frames"], ["real frames", "frames"]]
-        .into_iter()
-        .enumerate()
-    {
+    for (side, [kind, other]) in [SIDES, [SIDES[1], SIDES[0]]].into_iter().enumerate() {
         let alone: Vec<&str> = names[side].difference(&paired[side]).copied().collect();
         if !alone.is_empty() {
             notes.push(format!(
@@ -364,19 +376,17 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, V
             ));
         }
     }
-    let measured = |pictures: &[Picture], paired: &BTreeSet<&str>| -> Result<BTreeMap<String, Vec<FrameReport>>, _> {
-        let used: Vec<&Picture> = pictures
-            .iter()
-            .filter(|it| paired.contains(it.group.as_str()))
-            .collect();
-        let reports = parallel::try_map(&used[..], &|picture: &&Picture| FrameReport::of(picture))?;
-        let mut groups = BTreeMap::<String, Vec<FrameReport>>::new();
-        for (picture, report) in used.iter().zip(reports) {
-            groups.entry(picture.group.clone()).or_default().push(report);
+    let measured = |side: usize, pictures: &[Picture]| {
+        let all = groups[side].iter().zip(pictures);
+        let used: Vec<(&&str, &Picture)> = all.filter(|(group, _)| paired[side].contains(**group)).collect();
+        let reports = parallel::try_map(&used[..], &|(_, picture): &(&&str, &Picture)| FrameReport::of(picture))?;
+        let mut measured = BTreeMap::<&str, Vec<FrameReport>>::new();
+        for ((group, _), report) in used.into_iter().zip(reports) {
+            measured.entry(group).or_default().push(report);
         }
-        Ok::<_, VolumeError>(groups)
+        Ok::<_, VolumeError>(measured)
     };
-    let (frames, real) = (measured(frames, &paired[0])?, measured(real, &paired[1])?);
+    let (frames, real) = (measured(0, frames)?, measured(1, real)?);
     let unscaled: Vec<String> = frames
         .values()
         .chain(real.values())
@@ -393,7 +403,7 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, V
     let few: Vec<&str> = real
         .iter()
         .filter(|(_, frames)| frames.len() < LEAST_REAL)
-        .map(|(name, _)| name.as_str())
+        .map(|(name, _)| *name)
         .collect();
     if !few.is_empty() {
         let names = listed(few);

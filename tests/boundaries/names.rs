@@ -255,6 +255,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "tells that the continuation beyond a volume has another default",
     ),
     (
+        "imaging/effects/haze.rs",
+        &["receiver", "speckle", "shadow"],
+        "its pattern is drawn as clutter is, with the point spread",
+    ),
+    (
         "imaging/effects/receiver.rs",
         &["speckle", "shadow"],
         "clutter has the point spread, and attenuates",

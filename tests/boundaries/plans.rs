@@ -306,6 +306,12 @@ pub(super) fn scenes() -> Vec<Scene> {
             &["noise"],
         ),
         scene(
+            "haze",
+            box_of(lossy()),
+            |s| s.effects.haze = Some(Default::default()),
+            &["haze_means", "haze"],
+        ),
+        scene(
             "receiver",
             box_of(lossy()),
             |s| s.effects.receiver = Some(Default::default()),

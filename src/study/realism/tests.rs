@@ -503,6 +503,12 @@ fn groups_are_compared_with_those_of_their_name() {
         names(&compare(&real, &frame).expect("a report"))[2],
         "liver against frame"
     );
+    // Real frames that share no name are one group.
+    let named = |name: &str, mean: f64| group(name, 1, mean);
+    let mixed = [named("x", 80.0), named("y", 84.0), named("z", 88.0)].concat();
+    let pooled = compare(&frame, &mixed).expect("a report");
+    assert_eq!(names(&pooled), ["frame against real frames"]);
+    assert_eq!(pooled.groups[0].real.len(), 3);
     let error = compare(&[group("lung", 1, 90.0), frame].concat(), &real)
         .unwrap_err()
         .to_string();
