@@ -126,14 +126,12 @@ fn haze_is_fully_developed_speckle_and_silent_outside_the_body() {
             "{name}: {ratio}, Rayleigh amplitudes have 1.91"
         );
     }
-    let mut settings = scene::settings(scene::probe(scene::SHAPES[0].1, 40.0, 16, 64), scene::bare());
+    let frame = Frame::around([0.0, 30.0, 0.0], [160, 180, 3], 0.5);
+    let anatomy = anatomy::anatomy_from(frame, &[SILENT, PLAIN], |p| u8::from(p[0] > 0.0));
+    let shape = ProbeShape::Linear(Linear { width_mm: 40.0 });
+    let mut settings = scene::settings(scene::probe(shape, 40.0, 16, 64), scene::bare());
     settings.effects.haze = Some(Haze::default());
-    let beam = beam_after(
-        &anatomy::uniform(SILENT),
-        &settings,
-        Backend::Cpu,
-        "haze",
-        &scene::straight(),
-    );
-    assert!(beam.amplitude.iter().all(|amplitude| *amplitude == 0.0));
+    let beam = beam_after(&anatomy, &settings, Backend::Cpu, "haze", &scene::straight());
+    let (outside, inside) = beam.amplitude.split_at(8 * 64);
+    assert!(outside.iter().all(|amplitude| *amplitude == 0.0) && inside.iter().all(|amplitude| *amplitude > 1.0));
 }
