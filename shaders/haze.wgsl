@@ -16,7 +16,8 @@ struct Params {
 // Means of columns: one workgroup each, a parallel sum along the beam.
 @group(0) @binding(1) var<storage, read> echoes: array<f32>;
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
-@group(0) @binding(3) var<storage, read_write> means: array<f32>;
+@group(0) @binding(3) var<storage, read> gains: array<f32>;
+@group(0) @binding(4) var<storage, read_write> means: array<f32>;
 
 // Sum with the echoes.
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
@@ -43,14 +44,14 @@ fn means_around(@builtin(local_invocation_index) thread: u32, @builtin(workgroup
     let left = exp2(params.fading);
     var sum = 0.0;
     for (var i = start; i < end; i++) {
-        let mean = across(group.y, i) * params.share;
+        let mean = across(group.y, i) * params.share * gains[i];
         means[row + i] = mean;
         sum = sum * left + mean;
     }
     var above = decaying_sum(thread, sum, params.fading * f32(each));
     for (var i = start; i < end; i++) {
         above = above * left + means[row + i];
-        means[row + i] = above;
+        means[row + i] = above / gains[i];
     }
 }
 

@@ -4,7 +4,7 @@
 //! direction. It fills what is dark beside and below tissue (clutter of multiple paths: J. J. Dahl and N. M. Sheth,
 //! Ultrasound Med. Biol. 40 (2014) 714), and fades where nothing around echoes. Its power is a share of the mean power
 //! around: laterally weighted by `exp(-|x| / lateral_mm)`, along the beam by `exp(-z / axial_mm)` from what lies `z`
-//! above, as longer paths arrive later. The pattern is fully developed speckle in the probe's frame, as wide as clutter,
+//! above, as longer paths arrive later, less the attenuation of average soft tissue on the way. The pattern is fully developed speckle in the probe's frame, as wide as clutter,
 //! not in phase with the echo, so powers add: `a' = sqrt(a^2 + level m p)`, with `m` the mean power around and `p` the
 //! pattern of mean 1. Background samples, outside the body, stay silent.
 //!
@@ -62,7 +62,7 @@ pub(crate) const EFFECT: Effect = Effect {
     example: "effects.haze = { level_db = -12.0 }",
     wanted,
     passes: |_| PASSES.iter().collect(),
-    buffers: &[&PATTERN, &WEIGHTS],
+    buffers: &[&PATTERN, &WEIGHTS, &GAINS],
     remove: Some(|_, settings| settings.effects.haze = None),
     ..Effect::PLAIN
 };
@@ -81,23 +81,30 @@ pub struct Derived {
     pattern: Vec<f32>,
     /// Share of each scanline in the mean of each column.
     weights: Vec<f32>,
+    /// Power that average soft tissue has taken by each sample.
+    gains: Vec<f32>,
 }
+
+/// Largest loss that is compensated, dB: far below the noise of any receiver, in the range of single precision.
+const MAX_LOSS_DB: f64 = 250.0;
 
 /// Settings on which the tables depend.
 #[derive(PartialEq)]
 pub(crate) struct Key<'a> {
     haze: Option<&'a Haze>,
     spread: PointSpread,
+    attenuation: Attenuation,
     seed: u64,
     grid: &'a BeamGrid,
 }
 
-/// Takes parameters, the point spread, seed and grid.
+/// Takes parameters, the point spread, attenuation, seed and grid.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.clone().unwrap_or_default();
     Key {
         haze: settings.effects.haze.as_ref(),
         spread: PointSpread::new(&speckle, &settings.probe, Attenuation::of(tissues, settings)),
+        attenuation: Attenuation::average(settings),
         seed: settings.seed,
         grid,
     }
@@ -117,7 +124,11 @@ pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
         let sum: f64 = (0..lines).map(weight).sum();
         (0..lines).map(move |line| (weight(line) / sum) as f32)
     });
+    let loss_db = |sample: usize| key.attenuation.db_at(grid.sample_depth_mm(sample)).min(MAX_LOSS_DB);
     Ok(Derived {
+        gains: (0..grid.samples())
+            .map(|sample| 10f64.powf(loss_db(sample) / 10.0) as f32)
+            .collect(),
         pattern: clutter::table(
             grid,
             &key.spread,
@@ -138,8 +149,11 @@ static PATTERN: Buffer = Buffer::new(281, "HazePattern", 4, beam).derived(|_, de
 /// Per column and scanline: its share in the mean (`f32`).
 static WEIGHTS: Buffer = Buffer::new(282, "HazeWeights", 4, |tables| tables.effects.haze.weights.len())
     .derived(|_, derived| bytes_of(&derived.haze.weights));
+/// Per sample of depth: power that average soft tissue has taken (`f32`).
+static GAINS: Buffer = Buffer::new(283, "HazeGains", 4, |tables| tables.effects.haze.gains.len())
+    .derived(|_, derived| bytes_of(&derived.haze.gains));
 /// Per column and sample: mean power around (`f32`).
-static MEANS: Buffer = Buffer::new(283, "HazeMeans", 4, means_of_beam);
+static MEANS: Buffer = Buffer::new(284, "HazeMeans", 4, means_of_beam);
 
 fn means_of_beam(tables: &Tables) -> usize {
     columns_of(tables.lines()) * tables.samples()
@@ -160,7 +174,7 @@ static PASSES: &[Pass] = &[
         name: "haze_means",
         shader: SHADER,
         entry: "means_around",
-        bindings: &[(&AMPLITUDE, Read), (&WEIGHTS, Read), (&MEANS, Write)],
+        bindings: &[(&AMPLITUDE, Read), (&WEIGHTS, Read), (&GAINS, Read), (&MEANS, Write)],
         params,
         grid: Grid::Workgroups(|tables| [columns_of(tables.lines()) as u32, 1]),
         flips: false,
@@ -262,6 +276,7 @@ fn means<T: Real>(view: &View, store: &mut Store<T>) {
             T::vectorised(Column {
                 numbers: Numbers::of(tables),
                 weights,
+                gains: &tables.effects.haze.gains,
                 amplitudes,
                 means,
             });
@@ -273,6 +288,7 @@ fn means<T: Real>(view: &View, store: &mut Store<T>) {
 struct Column<'a, T> {
     numbers: Numbers,
     weights: &'a [f32],
+    gains: &'a [f32],
     amplitudes: &'a [T],
     means: &'a mut [T],
 }
@@ -291,9 +307,10 @@ impl<T: Real> Kernel for Column<'_, T> {
         }
         let (left, share) = (T::of(self.numbers.fading.exp2()), T::of(self.numbers.share()));
         let mut above = T::zero();
-        for mean in self.means {
-            above = above * left + *mean * share;
-            *mean = above;
+        for (mean, gain) in self.means.iter_mut().zip(self.gains) {
+            let gain = T::of(f64::from(*gain));
+            above = above * left + *mean * share * gain;
+            *mean = above / gain;
         }
     }
 }

@@ -1,6 +1,7 @@
 //! Haze: the share of what lies around by distance along and across the beam, and fully developed speckle.
 
 use insonify_imaging::effects::haze::Haze;
+use insonify_imaging::effects::shadow::{SOFT_TISSUE_DB_CM_MHZ, Shadow};
 use insonify_imaging::synth::Backend;
 use insonify_imaging::synth::layers::Beam;
 use insonify_tracking::probe::{Linear, ProbeShape};
@@ -79,6 +80,41 @@ fn tissue_adds_its_share_from_above() {
             let power = power(&haze, &backend, |_, _| true, |_, z| (z - depth).abs() < 1.0);
             near(name, depth, power, 0.01 * (1.0 - (-depth / 8.0f64).exp()), 0.1);
         }
+    }
+}
+
+/// Longer paths lose as much on the way as the echo does that they arrive with.
+#[test]
+fn the_share_of_attenuating_tissue_does_not_grow_with_depth() {
+    let tissue = Acoustics {
+        attenuation_db_cm_mhz: SOFT_TISSUE_DB_CM_MHZ,
+        ..PLAIN
+    };
+    let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
+    let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, LINES, SAMPLES), scene::bare());
+    settings.probe.frequency_mhz = 9.0;
+    settings.effects.shadow = Some(Shadow::default());
+    let mut row = |level_db: f64, sample: usize| {
+        settings.effects.haze = Some(Haze {
+            level_db,
+            ..Haze::default()
+        });
+        let beam = beam_after(
+            &anatomy::uniform(tissue),
+            &settings,
+            Backend::Cpu,
+            "haze",
+            &scene::straight(),
+        );
+        let rows = beam
+            .amplitude
+            .chunks(beam.samples)
+            .flat_map(|line| &line[sample..sample + 40]);
+        mean(&rows.map(|amplitude| amplitude.powi(2)).collect::<Vec<f64>>())
+    };
+    for sample in [300, 500] {
+        let share = row(-20.0, sample) / row(-200.0, sample) - 1.0;
+        near("attenuating", sample as f64 / 10.0, share, 0.01, 0.2);
     }
 }
 
