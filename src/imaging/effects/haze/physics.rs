@@ -169,5 +169,6 @@ fn haze_is_fully_developed_speckle_and_silent_outside_the_body() {
     settings.effects.haze = Some(Haze::default());
     let beam = beam_after(&anatomy, &settings, Backend::Cpu, "haze", &scene::straight());
     let (outside, inside) = beam.amplitude.split_at(8 * 64);
-    assert!(outside.iter().all(|amplitude| *amplitude < 1e-9) && inside.iter().all(|amplitude| *amplitude > 1.0));
+    assert!(outside.iter().all(|amplitude| *amplitude < 1e-9));
+    assert!(mean(inside) > 1.001 && inside.iter().all(|amplitude| *amplitude >= 1.0));
 }
