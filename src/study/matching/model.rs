@@ -90,6 +90,8 @@ impl Model {
                 ..self.receiver
             }),
             tone: Some(tone),
+            // What it would add is estimated as clutter.
+            haze: None,
             ..Effects::usual()
         }
     }

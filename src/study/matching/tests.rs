@@ -65,6 +65,7 @@ impl Known {
                 dynamic_range_db: self.range_db,
                 ..Tone::linear()
             }),
+            haze: None,
             ..Effects::usual()
         }
     }
