@@ -45,7 +45,7 @@ parameters! {
     /// Diffuse echoes of other paths than the beam.
     pub struct Haze {
         /// Power relative to the mean around, dB.
-        level_db: f64 = -18.0, in -200..=0;
+        level_db: f64 = -20.0, in -200..=0;
         /// Lateral distance over which what contributes falls to 1/e, mm.
         lateral_mm: f64 = 8.0, in 0.5..=500;
         /// Distance below which what contributes has fallen to 1/e, mm.

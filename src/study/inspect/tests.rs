@@ -62,7 +62,7 @@ fn the_parts_of_a_pixel_add_up_to_it() {
         .iter()
         .find(|neighbour| neighbour.line == report.line)
         .unwrap();
-    assert!((same_line.amplitude - value("shadow")).abs() < 1e-12);
+    assert!((same_line.amplitude - value("refraction")).abs() < 1e-12);
 }
 
 #[test]

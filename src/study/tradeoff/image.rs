@@ -270,7 +270,7 @@ fn figures() -> Vec<Figure> {
     ]
 }
 
-/// Lowest level that a receiver accepts, dB.
+/// Lowest level that haze and a receiver accept, dB.
 const QUIETEST_DB: f64 = -200.0;
 
 /// Abdomen phantom under its default probe, at the 640 x 480 pixels of the default scene.
@@ -313,12 +313,16 @@ pub(crate) fn coarsened(options: &ImageOptions, grid: [u32; 2]) -> [u32; 2] {
 /// Returns settings without effects that are random for every grid, so that only structure remains.
 pub(crate) fn without_grain(mut settings: Settings) -> Settings {
     settings.effects.speckle = None;
+    settings.effects.haze = None;
     settings.effects.receiver = None;
     settings
 }
 
-/// Returns settings whose receiver takes its time but adds nothing visible.
+/// Returns settings whose haze and receiver take their time but add nothing visible.
 pub(crate) fn silent(mut settings: Settings) -> Settings {
+    if let Some(haze) = &mut settings.effects.haze {
+        haze.level_db = QUIETEST_DB;
+    }
     if let Some(receiver) = &mut settings.effects.receiver {
         receiver.noise_db = QUIETEST_DB;
         receiver.clutter_db = Some(QUIETEST_DB);

@@ -167,13 +167,13 @@ pub(super) fn name([lines, samples]: [u32; 2]) -> String {
 /// Name of a comparison, and the change of settings that isolates its content.
 type Content = (&'static str, fn(Settings) -> Settings);
 
-/// Contents to compare: structure alone, and everything in a frame except receiver noise, which is random for each
-/// sample of a grid.
+/// Contents to compare: structure alone, and everything in a frame except haze and receiver noise, which are random for
+/// each sample of a grid.
 const CONTENTS: [Content; 2] = [("structure", without_grain), ("every usual effect", silent)];
 
 /// Note on the receiver.
-const QUIET: &str = "Beam grids are compared with the receiver enabled at an invisible level, because its noise is drawn for each sample \
-                     and therefore differs from grid to grid, however fine the grids are.";
+const QUIET: &str = "Beam grids are compared with haze and receiver enabled at an invisible level, because they are drawn for each sample \
+                     and therefore differ from grid to grid, however fine the grids are.";
 
 /// A grid of the beam on a backend.
 struct Gridded {

@@ -101,7 +101,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_grid", 4),
         ("image_backend", 4),
         ("image_labels", 12),
-        ("image_effects", 19),
+        ("image_effects", 20),
         ("image_sampling", 15),
         ("image_texture", 2),
         ("image_lookup", 6),
@@ -131,7 +131,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
     let effects = study.tables.iter().find(|table| table.key == "image_effects").unwrap();
     let rms_grey = |row| effects.value(row, "rms_grey").unwrap();
     assert!(rms_grey(&effects.rows[0]) < 0.5);
-    for effect in ["texture", "interface", "speckle", "shadow", "automatic gain"] {
+    for effect in ["texture", "interface", "speckle", "shadow", "haze", "automatic gain"] {
         let row = effects
             .rows
             .iter()
