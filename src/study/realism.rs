@@ -43,7 +43,7 @@ const LAGS: usize = 16;
 /// Largest difference that counts as within the spread of the real frames, standard deviations.
 pub const LIMIT: f64 = 2.0;
 /// Least number of real frames with a measure for a verdict on it.
-pub const LEAST_REAL: usize = 3;
+const LEAST_REAL: usize = 3;
 
 /// Raw measurements of one frame, from which [`MEASURES`] computes its values.
 pub(crate) struct FrameMeasurements {
@@ -250,7 +250,7 @@ pub struct MeasureComparison {
     /// Values in the real frames; `None` if no frame has the measure.
     pub real: Option<MeasureSummary>,
     /// Mean of the rendered frames less that of the real ones, in units of the spread among the real ones (at least the
-    /// measure's floor); `None` if fewer than [`LEAST_REAL`] real frames have the measure.
+    /// measure's floor); `None` if fewer than three real frames have the measure.
     pub difference: Option<f64>,
     /// Verdict on the difference.
     pub verdict: Option<LikenessVerdict>,
