@@ -423,6 +423,8 @@ registry! {
         derives haze::Derived, columns haze::Columns<T>;
     receiver: Option<Receiver> = "Electronic noise and acoustic clutter.",
         derives receiver::Derived;
+    speckle_reduction: Option<SpeckleReduction> = "Edge-keeping smoothing of speckle, as scanners have.",
+        derives speckle_reduction::Derived;
     tone: Option<Tone> with Curve
         = "Gain, time-gain compensation and log compression; without it the amplitude is shown linearly.",
         derives tone::Derived, columns tone::Columns<T>;
