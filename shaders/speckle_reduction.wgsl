@@ -13,9 +13,9 @@ struct Params {
 @group(0) @binding(2) var<storage, read> offsets: array<u32>;
 @group(0) @binding(3) var<storage, read_write> smoothed: array<f32>;
 
-const TAPS = 4u;
+const TAPS = 5u;
 const INNER = 2u;
-const COUNT = 9.0;
+const COUNT = 11.0;
 const INNER_COUNT = 5.0;
 // Inverse of the squared coefficient of variation of fully developed speckle, 4 / pi - 1.
 const EVENNESS = 3.659792366325487;

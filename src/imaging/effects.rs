@@ -310,7 +310,7 @@ macro_rules! registry {
             }
 
             /// Returns the usual effects with their default parameters: all but additive noise, which duplicates what
-            /// speckle does physically, and the blur, which evens speckle out.
+            /// speckle does physically, and blur and speckle reduction, which even speckle out.
             pub fn usual() -> Self {
                 Self {
                     $($name: Setting::usual(),)+

@@ -269,6 +269,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         &["shadow", "receiver"],
         "compensates for attenuation down to the noise",
     ),
+    (
+        "imaging/effects/speckle_reduction.rs",
+        &["speckle"],
+        "windows are as long as the point spread, which is stated with the speckle",
+    ),
     ("imaging/effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
     (
         "imaging/overlay.rs",

@@ -5,6 +5,7 @@ use std::collections::BTreeSet;
 use insonify_imaging::effects::buffers::{IMAGE, PIXELS, SCAN_MAP};
 use insonify_imaging::effects::pass::Pass;
 use insonify_imaging::effects::shadow::Shadow;
+use insonify_imaging::effects::speckle_reduction::SpeckleReduction;
 use insonify_imaging::effects::{Effect, Effects, LISTED, REGISTRY, Wanted};
 use insonify_imaging::plan::Plan;
 use insonify_imaging::scene::SceneFile;
@@ -263,6 +264,23 @@ pub(super) fn scenes() -> Vec<Scene> {
             |s| {
                 s.effects.blur = Some(Default::default());
                 s.probe.lines = 1;
+            },
+            &[],
+        ),
+        scene(
+            "speckle reduction",
+            box_of(lossy()),
+            |s| s.effects.speckle_reduction = Some(Default::default()),
+            &["speckle_reduction"],
+        ),
+        scene(
+            "speckle reduction of strength 0",
+            box_of(lossy()),
+            |s| {
+                s.effects.speckle_reduction = Some(SpeckleReduction {
+                    strength: 0.0,
+                    ..Default::default()
+                });
             },
             &[],
         ),

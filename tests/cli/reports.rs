@@ -15,7 +15,16 @@ fn plans_list_passes_with_reasons() {
     );
     let without = names(&bare["without"]);
     for effect in [
-        "contact", "warp", "texture", "speckle", "needle", "shadow", "blur", "receiver", "noise",
+        "contact",
+        "warp",
+        "texture",
+        "speckle",
+        "needle",
+        "shadow",
+        "blur",
+        "receiver",
+        "speckle_reduction",
+        "noise",
     ] {
         assert!(without.contains(&effect), "{effect}: {without:?}");
     }

@@ -328,6 +328,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "ApertureWeights",
                 "Clutter",
                 "LabelRows",
+                "SpeckleOffsets",
                 "SubPlanes",
             ],
         ),
@@ -335,6 +336,14 @@ fn a_change_touches_only_what_depends_on_it() {
             "blur",
             |settings| settings.effects.blur.as_mut().expect("blur").width_mm = Some(2.0),
             &["BlurKernel"],
+        ),
+        (
+            "window of speckle reduction",
+            |settings| {
+                let reduction = settings.effects.speckle_reduction.as_mut();
+                reduction.expect("speckle reduction").window_cells = 2.0;
+            },
+            &["SpeckleOffsets"],
         ),
         (
             "clutter",
@@ -373,6 +382,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "Clutter",
                 "Gain",
                 "LabelRows",
+                "SpeckleOffsets",
                 "SubPlanes",
             ],
         ),

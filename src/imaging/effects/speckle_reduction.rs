@@ -1,16 +1,15 @@
 //! Speckle reduction: an edge-keeping smoother of the envelope, as scanners have, oriented by local statistics.
 //!
-//! Through each sample go four lines of nine samples, half a resolution cell of speckle apart: along the beam, across
-//! it, and both diagonals. A line on which the amplitude varies less than fully developed speckle, `c < C`, with `c` its
+//! Through each sample go four lines of eleven samples, half a length of speckle apart: along the beam, across it, and
+//! both diagonals. A line on which the amplitude varies less than fully developed speckle, `c < C`, with `c` its
 //! coefficient of variation and `C^2 = 4 / pi - 1` that of the Rayleigh distribution, lies in even tissue: its inner
-//! half is averaged. One that varies more crosses an edge or a reflector and is left out, as in the filters of J.-S. Lee
-//! (IEEE Transactions on Pattern Analysis and Machine Intelligence 2 (1980) 165) and D. T. Kuan et al. (ibid. 7 (1985)
-//! 165): it has the weight `w = 1 / (1 + (c / C)^16)`. Where no line is even, as on a bright point, the sample stays as
-//! it is; beside an edge the mean is that of lines along the edge. With `x` the sample and `m` the means, the smooth
-//! value is `y = (x + sum w m) / (1 + sum w)`, and the strength blends `x` and `y`.
+//! five samples are averaged. One that varies more crosses an edge or a reflector and is left out, as in the filters of
+//! J.-S. Lee (IEEE Transactions on Pattern Analysis and Machine Intelligence 2 (1980) 165) and D. T. Kuan et al. (ibid. 7
+//! (1985) 165), but smoothly: its weight is `w = 1 / (1 + (c / C)^16)`. Beside an edge the lines along it remain, and on
+//! a bright point none, so that it stays as it is. With `x` the sample and `m` the means of the lines, the smooth value
+//! is `y = (x + sum w m) / (1 + sum w)`, and the strength blends `x` and `y`.
 //!
-//! Edges of 20 dB and bright lines are kept; one of 6 dB, which is as faint as speckle itself, becomes a fifth wider at
-//! the usual strength.
+//! Edges of 20 dB keep their width within 5 %; edges of 6 dB, which are as faint as speckle itself, do not.
 //!
 //! ```toml
 //! effects.speckle_reduction = { strength = 1.0 }
@@ -43,11 +42,12 @@ use insonify_tracking::probe::BeamGrid;
 parameters! {
     /// Speckle reduction.
     pub struct SpeckleReduction {
-        /// Share of the smooth value in the result: the usual one makes the mean over the standard deviation of grey
-        /// 1.5 times that of raw speckle.
-        strength: f64 = 0.6, in 0..=1;
-        /// Length of the lines on which evenness is judged, resolution cells of speckle; their inner half is averaged.
-        window_cells: f64 = 4.0, in 1..=16;
+        /// Share of the smooth value in the result. With the usual one the mean over the standard deviation of grey is
+        /// 1.8 times that of raw speckle in even tissue, 1.45 times in liver with its texture.
+        strength: f64 = 0.75, in 0..=1;
+        /// Length of the lines on which evenness is judged, lengths of speckle: the shortest with which edges of 20 dB
+        /// keep their width.
+        window_cells: f64 = 5.0, in 1..=20;
     }
 }
 
@@ -56,8 +56,8 @@ impl Parameters for SpeckleReduction {
 }
 
 /// Samples of a line to each side, and those of them that are averaged.
-pub(crate) const TAPS: usize = 4;
-pub(crate) const INNER: usize = TAPS / 2;
+pub(crate) const TAPS: usize = 5;
+pub(crate) const INNER: usize = 2;
 
 /// Samples of a line.
 pub(crate) const COUNT: f64 = (2 * TAPS + 1) as f64;
@@ -151,7 +151,7 @@ fn wanted(tables: &Tables) -> Wanted {
         None => No("the scene names no speckle reduction".into()),
         Some(reduction) if reduction.strength == 0.0 => No("its strength is 0".into()),
         Some(reduction) => Yes(format!(
-            "speckle is smoothed by {} where lines of {} resolution cells are even",
+            "speckle is smoothed by {} on lines of {} lengths that are even",
             reduction.strength, reduction.window_cells
         )),
     }

@@ -46,9 +46,9 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 squares += value * value;
                 squares_off += (2.0 * value.abs() + off) * off + TINY;
             }
-            // Eight additions; products and eight additions.
-            sum_off += 8.0 * ULP * size;
-            squares_off += 9.0 * ULP * (squares + squares_off);
+            // Ten additions; products and ten additions.
+            sum_off += 10.0 * ULP * size;
+            squares_off += 11.0 * ULP * (squares + squares_off);
             let variation = |squares: f64, sum: f64, rounding: f64| {
                 // Products (1 each) and the quotient.
                 let ratio = COUNT * squares / (sum * sum).max(LEAST) * (1.0 + rounding * (2.0 * ULP + DIVIDE));
