@@ -2,7 +2,8 @@
 //!
 //! `effects.png` shows the same frame with one effect at a time, then with all. The first panel is slicing alone:
 //! labels become echoes, shown linearly. The second adds the tone curve, which every further panel has too, beside the
-//! one effect in its caption. What the effects do is that of their examples, which exaggerate.
+//! one effect in its caption, and speckle where that is reduced. What the effects do is that of their examples, which
+//! exaggerate.
 //!
 //! `cargo run --release --example reference_pages -- docs`
 
@@ -42,8 +43,8 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let effects = || LISTED.iter().filter(|effect| !effect.example.is_empty());
     for effect in effects() {
-        let others: &[&str] = if effect.name == "tone" { &[] } else { &["tone"] };
-        let frames = [frame(others)?, frame(&["tone", effect.name])?];
+        let others = beside(effect.name);
+        let frames = [frame(others)?, frame(&[others, &[effect.name]].concat())?];
         let frames = if effect.name == "contact" {
             frames.map(|frame| enlarged(&frame))
         } else {
@@ -55,7 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let single = all.iter().filter(|name| !["slice", "tone"].contains(name));
     let mut panels = vec![("slice", frame(&["slice"])?), ("tone", frame(&["tone"])?)];
     for name in single {
-        panels.push((name, frame(&["tone", name])?));
+        panels.push((name, frame(&[beside(name), &[name]].concat())?));
     }
     panels.push(("all", frame(&all)?));
     write_panels(&folder.join("effects.png"), &panels)?;
@@ -66,6 +67,15 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     println!("{}", folder.display());
     Ok(())
+}
+
+/// Effects beside which one is shown.
+fn beside(effect: &str) -> &'static [&'static str] {
+    match effect {
+        "tone" => &[],
+        "speckle_reduction" => &["tone", "speckle"],
+        _ => &["tone"],
+    }
 }
 
 /// A frame of the scene with the examples of these effects.

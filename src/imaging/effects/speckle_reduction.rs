@@ -43,7 +43,7 @@ parameters! {
     /// Speckle reduction.
     pub struct SpeckleReduction {
         /// Share of the smooth value in the result. With the usual one the mean over the standard deviation of grey is
-        /// 1.8 times that of raw speckle in even tissue, 1.45 times in liver with its texture.
+        /// 1.8 times that of raw speckle in even tissue, 1.6 times in liver with its texture.
         strength: f64 = 0.75, in 0..=1;
         /// Length of the lines on which evenness is judged, lengths of speckle: the shortest with which edges of 20 dB
         /// keep their width.
