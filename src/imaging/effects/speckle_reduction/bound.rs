@@ -36,7 +36,9 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         for (mean, direction) in means.iter_mut().zip(DIRECTIONS) {
             let taps = |reach: usize| {
                 let both = (1..=reach).flat_map(move |tap| [(direction, tap), (direction.map(|sign| -sign), tap)]);
-                std::iter::once((direction, 0)).chain(both).map(|(direction, tap)| at(direction, tap))
+                std::iter::once((direction, 0))
+                    .chain(both)
+                    .map(|(direction, tap)| at(direction, tap))
             };
             let [mut sum, mut sum_off, mut size, mut squares, mut squares_off] = [0.0; 5];
             for [value, off] in taps(TAPS) {

@@ -10,9 +10,13 @@ use crate::support::scene::{self, SHAPES};
 fn short_and_long_windows_on_every_probe_shape() {
     let mut cases = Vec::new();
     for (name, shape) in SHAPES {
-        for (lines, samples, strength, window_cells) in
-            [(24, 96, 0.75, 5.0), (24, 96, 1.0, 20.0), (3, 5, 1.0, 1.0), (1, 40, 1.0, 5.0), (9, 1, 1.0, 5.0)]
-        {
+        for (lines, samples, strength, window_cells) in [
+            (24, 96, 0.75, 5.0),
+            (24, 96, 1.0, 20.0),
+            (3, 5, 1.0, 1.0),
+            (1, 40, 1.0, 5.0),
+            (9, 1, 1.0, 5.0),
+        ] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, lines, samples), scene::bare());
             settings.effects.speckle = Some(Speckle::default());
             settings.effects.speckle_reduction = Some(SpeckleReduction { strength, window_cells });

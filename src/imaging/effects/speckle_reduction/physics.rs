@@ -24,10 +24,7 @@ const DEPTH_MM: f64 = 48.0;
 const WIDTH_MM: f64 = 38.0;
 
 /// A cell of speckle: four samples, and as many scanlines.
-const CELL_MM: [f64; 2] = [
-    4.0 * WIDTH_MM / (LINES as f64 - 1.0),
-    4.0 * DEPTH_MM / SAMPLES as f64,
-];
+const CELL_MM: [f64; 2] = [4.0 * WIDTH_MM / (LINES as f64 - 1.0), 4.0 * DEPTH_MM / SAMPLES as f64];
 
 fn settings(reduction: SpeckleReduction) -> Settings {
     let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
@@ -86,9 +83,11 @@ fn snr(values: &[f64]) -> f64 {
 /// Share of each sample, at an offset of scanlines and samples in steps, in a smooth value where all is even: the mean
 /// of the sample itself and of the means of five on each of four lines through it.
 fn shares() -> Vec<([isize; 2], f64)> {
-    let lines = [[1, 0], [0, 1], [1, 1], [1, -1]].into_iter().flat_map(|[across, along]: [isize; 2]| {
-        (-2..=2).map(move |tap: isize| ([across * tap, along * tap], 0.2 * 0.2))
-    });
+    let lines = [[1, 0], [0, 1], [1, 1], [1, -1]]
+        .into_iter()
+        .flat_map(|[across, along]: [isize; 2]| {
+            (-2..=2).map(move |tap: isize| ([across * tap, along * tap], 0.2 * 0.2))
+        });
     lines.chain([([0, 0], 0.2)]).collect()
 }
 
@@ -126,10 +125,12 @@ fn even_noise_falls_as_the_closed_form_says() {
         // Parts of the noise are smoothed by 1, 2, 1 along a scanline and over two of them; the correlation of powers is
         // the square of theirs.
         let lag = |of: &[f64], away: isize| of.get(away as usize).copied().unwrap_or(0.0);
-        let expected = gain_of(|[lines, samples]| {
-            (lag(&[1.0, 0.5], lines) * lag(&[1.0, 2.0 / 3.0, 1.0 / 6.0], samples)).powi(2)
-        });
-        assert!((gain / expected - 1.0).abs() < 0.03, "{name}: gain {gain}, not {expected}");
+        let expected =
+            gain_of(|[lines, samples]| (lag(&[1.0, 0.5], lines) * lag(&[1.0, 2.0 / 3.0, 1.0 / 6.0], samples)).powi(2));
+        assert!(
+            (gain / expected - 1.0).abs() < 0.03,
+            "{name}: gain {gain}, not {expected}"
+        );
     }
 }
 
@@ -175,7 +176,11 @@ fn the_usual_strength_makes_grey_as_even_as_stated() {
 
 /// Two tissues, or a layer in one, about a plane through the middle of the field of view, whose normal lies at an angle
 /// from the scanlines' in cells of speckle; and the distance of a sample from that plane, in cells.
-fn about_plane(angle: f64, tissues: [Acoustics; 2], is_second: impl Fn(f64) -> bool) -> (Anatomy, impl Fn(usize) -> f64) {
+fn about_plane(
+    angle: f64,
+    tissues: [Acoustics; 2],
+    is_second: impl Fn(f64) -> bool,
+) -> (Anatomy, impl Fn(usize) -> f64) {
     let cells = move |x_mm: f64, y_mm: f64| {
         angle.sin() * x_mm / CELL_MM[0] + angle.cos() * (y_mm - 0.5 * DEPTH_MM) / CELL_MM[1]
     };
@@ -199,7 +204,10 @@ fn width(profile: &[f64]) -> f64 {
     let [low, high] = [&profile[..share], &profile[profile.len() - share..]].map(mean);
     let reached = |level: f64| {
         let level = low + level * (high - low);
-        let steps = profile.windows(2).enumerate().filter(|(_, pair)| (pair[0] < level) != (pair[1] < level));
+        let steps = profile
+            .windows(2)
+            .enumerate()
+            .filter(|(_, pair)| (pair[0] < level) != (pair[1] < level));
         let crossings: Vec<f64> = steps
             .map(|(at, pair)| at as f64 + (level - pair[0]) / (pair[1] - pair[0]))
             .collect();
