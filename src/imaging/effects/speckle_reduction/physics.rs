@@ -154,7 +154,6 @@ fn speckle_gains_by_the_cells_of_the_window() {
     let table: Vec<f64> = (0..25).map(|at| correlation([at / 5, at % 5])).collect();
     let expected = gain_of(|[lines, samples]| table[(5 * lines + samples) as usize]);
     let gain = snr(&after) / snr(&before);
-    println!("gain {gain:.3} of {expected:.3}");
     assert!((gain / expected - 0.88).abs() < 0.03, "gain {gain} of {expected}");
     let level = mean(&after) / level;
     assert!((level - 1.0).abs() < 0.03, "the level changes by {level}");
@@ -170,7 +169,6 @@ fn the_usual_strength_makes_grey_as_even_as_stated() {
         snr(&greys.map(|amplitude| grey(&amplitude)).collect::<Vec<_>>())
     });
     let gain = after / before;
-    println!("gain {gain:.3}");
     assert!((gain - 1.8).abs() < 0.05, "{before} to {after}: {gain}");
 }
 
@@ -238,7 +236,6 @@ fn edges_of_20_db_keep_their_width() {
             width(&filled.map(|(sum, count)| sum / count).collect::<Vec<_>>())
         });
         let growth = widths[1] / widths[0] - 1.0;
-        println!("{angle:.2}: {widths:?} bins, {:.1} %", 100.0 * growth);
         assert!(growth.abs() < 0.05, "{angle}: {widths:?}");
     }
 }
@@ -257,7 +254,6 @@ fn bright_lines_keep_their_peak() {
             };
             20.0 * mean(&pairs.iter().flat_map(on_line).collect::<Vec<_>>()).log10()
         });
-        println!("{angle:.2}: {before:.2} dB to {after:.2} dB");
         assert!((before - after).abs() < 1.0, "{angle}: {before} dB to {after} dB");
     }
 }
