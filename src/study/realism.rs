@@ -310,7 +310,7 @@ fn single_or_list<S: Serializer>(groups: &[GroupComparison], serializer: S) -> R
 
 /// Group of each frame of both sides. Sides without a group in common are not sorted by organ: of one whose frames are
 /// each a group of their own, all are one.
-fn groups_of<'a>(sides: [&'a [Picture]; 2]) -> [Vec<&'a str>; 2] {
+fn groups_of(sides: [&[Picture]; 2]) -> [Vec<&str>; 2] {
     let mut groups = sides.map(|pictures| pictures.iter().map(|it| it.group.as_str()).collect::<Vec<_>>());
     let names = [0, 1].map(|side| groups[side].iter().copied().collect::<BTreeSet<&str>>());
     if names[0].is_disjoint(&names[1]) {
@@ -342,7 +342,7 @@ fn pairs<'a>(frames: &BTreeSet<&'a str>, real: &BTreeSet<&'a str>) -> Vec<[&'a s
         return same;
     }
     let of_all = |ours: &&'a str| real.iter().map(|theirs| [*ours, *theirs]).collect::<Vec<_>>();
-    frames.iter().flat_map(|ours| of_all(ours)).collect()
+    frames.iter().flat_map(of_all).collect()
 }
 
 /// Measures rendered and real frames in parallel and compares them by group.
@@ -417,9 +417,10 @@ pub fn compare(frames: &[Picture], real: &[Picture]) -> Result<LikenessReport, V
             MeasureComparison::of(measure, [&frames, &real].map(|side| MeasureSummary::of(side, index)))
         });
         GroupComparison {
-            group: match ours == theirs {
-                true => ours.to_owned(),
-                false => format!("{ours} against {theirs}"),
+            group: if ours == theirs {
+                ours.to_owned()
+            } else {
+                format!("{ours} against {theirs}")
             },
             measures: rows.collect(),
             frames,

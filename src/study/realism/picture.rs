@@ -175,9 +175,10 @@ fn picture(path: &Path) -> Result<Picture, VolumeError> {
 pub(crate) fn decoded(path: &Path) -> Result<DynamicImage, VolumeError> {
     let bytes = read::bytes(path, read::PICTURE).map_err(|cause| VolumeError::read(path, cause))?;
     let refuse = |fault: String| VolumeError::malformed(path, At::Pixels, fault, "a PNG or JPEG file, grey or RGB");
-    let (format, promised) = match bytes.starts_with(&JPEG_START) {
-        true => (ImageFormat::Jpeg, jpeg_bytes(&bytes)),
-        false => (ImageFormat::Png, png_bytes(&bytes)),
+    let (format, promised) = if bytes.starts_with(&JPEG_START) {
+        (ImageFormat::Jpeg, jpeg_bytes(&bytes))
+    } else {
+        (ImageFormat::Png, png_bytes(&bytes))
     };
     border::check(promised.map_err(refuse)?, bytes.len() as u64, "a picture")
         .map_err(|cause| VolumeError::read(path, cause))?;

@@ -52,9 +52,8 @@ fn palettes_and_sizes_of_png_files_are_checked_before_they_are_decoded() {
 
 /// A ramp across and down, coloured in its first columns, as JPEG.
 fn jpeg() -> Vec<u8> {
-    let ramp = image::RgbImage::from_fn(64, 48, |x, y| match x < 8 {
-        true => image::Rgb([250, 60, 0]),
-        false => image::Rgb([(x + 2 * y) as u8; 3]),
+    let ramp = image::RgbImage::from_fn(64, 48, |x, y| {
+        image::Rgb(if x < 8 { [250, 60, 0] } else { [(x + 2 * y) as u8; 3] })
     });
     let mut bytes = Cursor::new(Vec::new());
     ramp.write_to(&mut bytes, ImageFormat::Jpeg).unwrap();
