@@ -180,8 +180,8 @@ fn pixel_mm(picture: &Picture, outline: Outline, depth_mm: Option<f64>) -> Resul
 }
 
 /// Estimates probe and effects from a frame with the array at its top. The pixel size is taken from the frame, or from
-/// `depth_mm`, the depth shown by its middle scanline, mm. A dynamic range `range_db` is taken as stated, dB; else it is
-/// estimated, or where the scanner has smoothed the speckle too much for that, is the default.
+/// `depth_mm`, the depth shown by its middle scanline, mm. A dynamic range `range_db` is taken as stated, dB; else it
+/// is estimated, or where the scanner has smoothed the speckle too much for that, is the default.
 ///
 /// # Errors
 /// [`VolumeError`] for a frame that is too small, or lacks a sector of lines and arcs, speckle, or a known pixel size.

@@ -1,15 +1,16 @@
 //! Haze: diffuse echoes that reach the array by other paths than the beam.
 //!
-//! Sound that is scattered more than once, or caught by side lobes, arrives at the time of another depth and from another
-//! direction. It fills what is dark beside and below tissue (clutter of multiple paths: J. J. Dahl and N. M. Sheth,
-//! Ultrasound Med. Biol. 40 (2014) 714), and fades where nothing around echoes. Its power is a share of the mean power
-//! around: laterally weighted by `exp(-|x| / lateral_mm)`, along the beam by `exp(-z / axial_mm)` from what lies `z`
-//! above, as longer paths arrive later, less the attenuation of average soft tissue on the way. The pattern is fully developed speckle in the probe's frame, as wide as clutter,
-//! not in phase with the echo, so powers add: `a' = sqrt(a^2 + level m p)`, with `m` the mean power around and `p` the
-//! pattern of mean 1. Background samples, outside the body, stay silent.
+//! Sound that is scattered more than once, or caught by side lobes, arrives at the time of another depth and from
+//! another direction. It fills what is dark beside and below tissue (clutter of multiple paths: J. J. Dahl and N. M.
+//! Sheth, Ultrasound Med. Biol. 40 (2014) 714), and fades where nothing around echoes. Its power is a share of the mean
+//! power around: laterally weighted by `exp(-|x| / lateral_mm)`, along the beam by `exp(-z / axial_mm)` from what lies
+//! `z` above, as longer paths arrive later, less the attenuation of average soft tissue on the way. Its pattern is
+//! fully developed speckle in the probe's frame, as wide as clutter. Haze is not in phase with the echo, so powers add:
+//! `a' = sqrt(a^2 + level m p)`, with `m` the mean power around and `p` the pattern, of mean 1. Background samples,
+//! outside the body, stay silent.
 //!
-//! The usual numbers are those with which the dark of frames is as grey as that of real ones: lumens of vessels and what
-//! lies beside and below bone 10 to 40 of 255, the middle of a full bladder black.
+//! No theory gives the usual numbers: with them the dark of frames is as grey as that of real ones, the lumens of
+//! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black.
 //!
 //! ```toml
 //! effects.haze = { level_db = -12.0 }
@@ -222,7 +223,7 @@ block! {
         level: f32,
         /// Decay along the beam per sample, as log2.
         fading: f32,
-        /// Share of a sample in the mean around the next.
+        /// Share of a sample in the mean around itself.
         share: f32,
         /// Padding to a multiple of 16 bytes.
         unused: [u32; 2],

@@ -8,9 +8,10 @@
 //! at most [`MAX`] (1.4). The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 //!
 //! A beam is wider than a ray. The second difference `d''` is that of averages over half the beam width, side by side
-//! from the middle of the array, linearly interpolated between them; how fine the scanlines are does not change them. At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the
-//! lens and averages over it, so that the effect of a lens saturates at `F` beam widths: terms of the sum decay
-//! exponentially with that length, with `F_NUMBER` (2.0) for `F`.
+//! from the middle of the array, linearly interpolated between them; how fine the scanlines are does not change them.
+//! At a distance `z` below a lens the converging beam of f-number `F` is `z / F` wide at the lens and averages over it,
+//! so that the effect of a lens saturates at `F` beam widths: terms of the sum decay exponentially with that length,
+//! with `F_NUMBER` (2.0) for `F`.
 //!
 //! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s)
 //! to muscle (1.70 MRayl, 1580 m/s).

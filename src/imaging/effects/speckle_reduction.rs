@@ -4,10 +4,10 @@
 //! both diagonals. A line on which the amplitude varies less than fully developed speckle, `c < C`, with `c` its
 //! coefficient of variation and `C^2 = 4 / pi - 1` that of the Rayleigh distribution, lies in even tissue: its inner
 //! five samples are averaged. One that varies more crosses an edge or a reflector and is left out, as in the filters of
-//! J.-S. Lee (IEEE Transactions on Pattern Analysis and Machine Intelligence 2 (1980) 165) and D. T. Kuan et al. (ibid. 7
-//! (1985) 165), but smoothly: its weight is `w = 1 / (1 + (c / C)^16)`. Beside an edge the lines along it remain, and on
-//! a bright point none, so that it stays as it is. With `x` the sample and `m` the means of the lines, the smooth value
-//! is `y = (x + sum w m) / (1 + sum w)`, and the strength blends `x` and `y`.
+//! J.-S. Lee (IEEE Transactions on Pattern Analysis and Machine Intelligence 2 (1980) 165) and D. T. Kuan et al. (ibid.
+//! 7 (1985) 165), but smoothly: its weight is `w = 1 / (1 + (c / C)^16)`. Beside an edge the lines along it remain, and
+//! on a bright point none, so that it stays as it is. With `x` the sample and `m` the means of the lines, the smooth
+//! value is `y = (x + sum w m) / (1 + sum w)`, and the strength blends `x` and `y`.
 //!
 //! Edges of 20 dB keep their width within 5 %; edges of 6 dB, which are as faint as speckle itself, do not.
 //!

@@ -248,8 +248,8 @@ fn motion_adds_up_over_changes_of_the_reference() {
     assert!(n > 0.95 * last.len() as f64 && sd < 8.0, "{sd} um of {n} windows");
 }
 
-/// Tissue beside a needle: a tenth of the image is strained and sheared by up to 30 %, 1.5 % in each frame, and the rest
-/// stays.
+/// Tissue beside a needle: a tenth of the image is strained and sheared by up to 30 %, 1.5 % in each frame, and the
+/// rest stays.
 #[test]
 fn windows_in_a_dent_are_right_or_reported_as_lost() {
     const LINES: usize = 100;

@@ -8,8 +8,8 @@ use insonify_imaging::effects::tone::{MID_GREY, Tone};
 use insonify_imaging::effects::{Effects, speckle::Speckle};
 use insonify_tracking::probe::Probe;
 
-/// Axial length in frames of scanners, whose filters leave less than the bandwidth of the probe, at 1 MHz, mm: 0.8 mm at
-/// 3.5 MHz, 0.3 mm at 10 MHz, in phantoms and muscle.
+/// Axial length in frames of scanners, whose filters leave less than the bandwidth of the probe, at 1 MHz, mm: 0.8 mm
+/// at 3.5 MHz, 0.3 mm at 10 MHz, in phantoms and muscle.
 const AXIAL_MM: f64 = 2.8;
 /// Relative spread of lateral widths over depth below which they count as constant.
 const CONSTANT: f64 = 0.05;

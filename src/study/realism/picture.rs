@@ -49,11 +49,11 @@ pub struct Picture {
     pub neighbour: Option<Vec<f64>>,
 }
 
-/// Reads frames from PNG and JPEG files, folders of these and DICOM files, and DICOM files and image sequences, of which
-/// up to `per_sequence` evenly spaced frames are taken. A folder without frames is read by its sub-folders; layers that
-/// this program writes beside its frames are left out. The pixel size comes from the sidecar of a PNG or JPEG file or
-/// from the sequence (its spacing, or the scale of its transform from `Image`; of DICOM its calibrated regions),
-/// otherwise from `mm_per_pixel`.
+/// Reads frames from PNG and JPEG files, folders of these and DICOM files, and DICOM files and image sequences, of
+/// which up to `per_sequence` evenly spaced frames are taken. A folder without frames is read by its sub-folders;
+/// layers that this program writes beside its frames are left out. The pixel size comes from the sidecar of a PNG or
+/// JPEG file or from the sequence (its spacing, or the scale of its transform from `Image`; of DICOM its calibrated
+/// regions), otherwise from `mm_per_pixel`.
 ///
 /// Groups are the sub-folders, or the folders where several are given; of other files the names without the number at
 /// the end (`liver_01.png`: `liver`), or their folder's where nothing else remains.
@@ -220,7 +220,8 @@ fn jpeg_sizes(image: &[u8]) -> Option<[usize; 4]> {
 /// Bytes of the pixels of a JPEG file by its header; the error says what a decoder would make up.
 fn jpeg_bytes(file: &[u8]) -> Result<u64, String> {
     let [columns, rows, samples, _] = jpeg_sizes(file).ok_or("a JPEG image without sizes")?;
-    // Coded data hold no marker (ISO 10918-1, B.1.1.5): of a whole image the end lies behind the start of its last scan.
+    // Coded data hold no marker (ISO 10918-1, B.1.1.5): of a whole image the end lies behind the start of its last
+    // scan.
     let last = |marker: u8| file.windows(2).rposition(|pair| pair == [0xff, marker]);
     if last(0xd9) <= last(0xda) {
         return Err("a JPEG image that is cut off".to_owned());

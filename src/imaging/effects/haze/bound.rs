@@ -33,8 +33,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         .collect();
     let (means, mean_offs) = (means_of(before), means_of(&offs));
     let Numbers { level, fading } = Numbers::of(tables);
-    // A product and a sum per scanline; as many per sample, with gains and a decay of which each has the error of `exp2`, and
-    // that of eight steps of parallel sums.
+    // A product and a sum per scanline; as many per sample, with gains and a decay of which each has the error of
+    // `exp2`, and that of eight steps of parallel sums.
     let decays = samples as f64 * (5.0 + 4.0 * fading.abs());
     let relative = (2.0 * lines as f64 + 3.0 * decays + 100.0) * ULP;
     for index in 0..lines * samples {

@@ -15,7 +15,8 @@ const SAMPLES: u32 = 600;
 const WIDTH_MM: f64 = 60.0;
 const DEPTH_MM: f64 = 60.0;
 
-/// Beam of tissue without speckle where `is_tissue` holds of lateral position and depth, mm, and silent tissue elsewhere.
+/// Beam of tissue without speckle where `is_tissue` holds of lateral position and depth, mm, and silent tissue
+/// elsewhere.
 fn beam(haze: Haze, backend: &Backend, seed: u64, is_tissue: impl Fn(f64, f64) -> bool + Sync) -> Beam {
     let frame = Frame::around([0.0, 30.0, 0.0], [160, 180, 3], 0.5);
     let dark = Acoustics {
@@ -34,7 +35,8 @@ fn beam(haze: Haze, backend: &Backend, seed: u64, is_tissue: impl Fn(f64, f64) -
     beam_after(&anatomy, &settings, backend, "haze", &scene::straight())
 }
 
-/// Mean power of frames of twelve seeds less that of the echo, where `is_there` holds of lateral position and depth, mm.
+/// Mean power of frames of twelve seeds less that of the echo, where `is_there` holds of lateral position and depth,
+/// mm.
 fn power(
     haze: &Haze,
     backend: &Backend,

@@ -1,8 +1,9 @@
 //! Acoustic clutter of a probe: coherent, shaped by the point spread.
 //!
-//! The density of echoes of [`SPARSE`] is such that the ratio of mean and standard deviation of the envelope is the measured one,
-//! 1.40 +- 0.23 (B. Byram and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531). Multiple paths
-//! widen them laterally. Layers of the wall appear repeatedly at one depth on all scanlines: bands of 3 dB, 1 mm thick.
+//! The density of echoes of [`SPARSE`] is such that the ratio of mean and standard deviation of the envelope is the
+//! measured one, 1.40 +- 0.23 (B. Byram and J. Shu, IEEE Trans. Ultrason. Ferroelectr. Freq. Control 63 (2016) 1531).
+//! Multiple paths widen them laterally. Layers of the wall appear repeatedly at one depth on all scanlines: bands of 3
+//! dB, 1 mm thick.
 
 use std::f64::consts::TAU;
 

@@ -36,8 +36,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         for (sample, ((factor, terms), twin)) in exact.into_iter().zip(twin).enumerate() {
             let index = line * samples + sample;
             // Twenty operations per term and the division; as many products and sums as samples, of the terms and of
-            // 1; decaying factors, with exponents up to ten times the decay length; the
-            // position among half beams.
+            // 1; decaying factors, with exponents up to ten times the decay length; the position among half beams.
             let sum_off = (2.0 * samples as f64 + 3.0 * halves as f64 + 100.0) * ULP * (1.0 + terms) + DIVIDE * terms;
             let largest = factor.max(twin);
             let off = (factor - twin).abs() + (largest * largest * sum_off).min(MAX) + (DIVIDE + ULP) * largest;

@@ -122,8 +122,8 @@ fn even_noise_falls_as_the_closed_form_says() {
             snr(&interior(&beam))
         });
         let gain = after / before;
-        // Parts of the noise are smoothed by 1, 2, 1 along a scanline and over two of them; the correlation of powers is
-        // the square of theirs.
+        // Parts of the noise are smoothed by 1, 2, 1 along a scanline and over two of them; the correlation of powers
+        // is the square of theirs.
         let lag = |of: &[f64], away: isize| of.get(away as usize).copied().unwrap_or(0.0);
         let expected =
             gain_of(|[lines, samples]| (lag(&[1.0, 0.5], lines) * lag(&[1.0, 2.0 / 3.0, 1.0 / 6.0], samples)).powi(2));
