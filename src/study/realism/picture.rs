@@ -24,7 +24,7 @@ pub const PIXEL_MM: std::ops::RangeInclusive<f64> = 0.001..=10.0;
 const MAX_SIDE_PX: u32 = 8192;
 /// Endings of the pictures that are read.
 const PICTURES: [&str; 3] = ["png", "jpg", "jpeg"];
-/// What is read, and how other files become that.
+/// Formats that are read, and converters of others to them.
 const READ: &str = "frames as .png, .jpg or .dcm files, folders of them, or image sequences (.mha, .mhd, .nrrd) of grey bytes; \
                     `magick a.tif a.png` (ImageMagick) converts other pictures, `ffmpeg -i a.mp4 a_%03d.png` videos";
 
