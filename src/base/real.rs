@@ -17,6 +17,13 @@ pub trait Real: Float + FromPrimitive + NumAssign + Default + Send + Sync + std:
     /// Converts a whole number between -2^22 and 2^22, exactly and in vector registers; others give an arbitrary
     /// integer.
     fn integer(self) -> i32;
+    /// Truncates a number from 0 to below 2^31, exactly and in vector registers; others give an arbitrary integer.
+    #[inline(always)]
+    fn natural(self) -> u32 {
+        let high = (self * Self::of(1.0 / 65_536.0)).trunc();
+        let low = (self - high * Self::of(65_536.0)).trunc();
+        ((high.integer() as u32) << 16).wrapping_add(low.integer() as u32)
+    }
     /// Two to a power of at most 0, in vector registers in single precision; 0 where that is no normal number.
     #[inline(always)]
     fn fraction_of_two(self) -> Self {
@@ -146,5 +153,16 @@ mod tests {
             assert_eq!(<f64 as Real>::integer(f64::from(number)), number);
         }
         assert_eq!((-0.0f32).integer(), 0);
+        for number in [
+            0.0,
+            0.75,
+            65_535.5,
+            65_536.0,
+            8_388_607.5,
+            1_234_567_936.0,
+            2_147_483_520.0,
+        ] {
+            assert_eq!([(number as f32).natural(), number.natural()], [number as u32; 2]);
+        }
     }
 }

@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 
 use super::VolumeError;
 use insonify_base::real::Real;
-use insonify_base::simd::{Kernel, array, map};
+use insonify_base::simd::{Kernel, map};
 
 /// A periodic volume of amplitude multipliers with mean square 1. The centre of voxel (0, 0, 0) lies at the origin.
 ///
@@ -143,11 +143,13 @@ fn trilinear<T: Real, const N: usize>(data: &[f32], size: [u32; 3], index: &[[T;
         }
     }
     let mix = |a: T, b: T, t: T| a + t * (b - a);
-    array(|i| {
+    let mut values = [T::zero(); N];
+    for i in 0..N {
         let edge = |corner: usize| mix(voxels[corner][i], voxels[corner + 1][i], share[0][i]);
         let slab = |corner: usize| mix(edge(corner), edge(corner + 2), share[1][i]);
-        mix(slab(0), slab(4), share[2][i])
-    })
+        values[i] = mix(slab(0), slab(4), share[2][i]);
+    }
+    values
 }
 
 /// Non-negative remainder of a division. A float quotient, off by at most one below 2^22 or so, is several times faster
@@ -313,8 +315,8 @@ impl<T: Real> Kernel for Apply<'_, T> {
                 }
             }
             let multipliers: [T; BLOCK] = trilinear(data, size, &index);
-            for (number, amplitude) in amplitudes.iter_mut().enumerate() {
-                *amplitude *= T::one() + self.strength * (multipliers[number] - T::one());
+            for (amplitude, multiplier) in amplitudes.iter_mut().zip(multipliers) {
+                *amplitude *= T::one() + self.strength * (multiplier - T::one());
             }
         }
     }

@@ -605,15 +605,18 @@ impl<T: Real> Kernel for Scanline<'_, T> {
         let out = self.down_to.chunks_mut(BLOCK).zip(self.through.chunks_mut(BLOCK));
         for (block, (down_to, through)) in out.enumerate() {
             let start = block * BLOCK;
-            for i in 0..down_to.len() {
-                let mut own = self.losses[usize::from(self.labels[start + i])];
+            for (i, label) in self.labels[start..].iter().take(down_to.len()).enumerate() {
+                let mut own = self.losses[usize::from(*label)];
                 if let Some((units, mask)) = self.needle {
                     own[1] += shaded(mask[start + i], units);
                 }
                 sums.add(i, own);
             }
-            for (i, (down_to, through)) in down_to.iter_mut().zip(through).enumerate() {
-                *down_to = sums.felt(i, self.downshift);
+            let [attenuation, others] = &sums.down_to;
+            for ((down_to, attenuation), other) in down_to.iter_mut().zip(attenuation).zip(others) {
+                *down_to = felt([*attenuation, *other], self.downshift);
+            }
+            for (through, down_to) in through.iter_mut().zip(down_to) {
                 *through = one_way(*down_to, exponent);
             }
         }
@@ -649,12 +652,6 @@ impl Sums {
             self.down_to[kind][i] = (self.above[kind] + own[kind] / 2).min(MAX_UNITS);
             self.above[kind] = (self.above[kind] + own[kind]).min(MAX_UNITS);
         }
-    }
-
-    /// What a pulse feels of them.
-    #[inline(always)]
-    fn felt<T: Real>(&self, i: usize, downshift: [T; 2]) -> u32 {
-        felt(self.down_to.map(|sums| sums[i]), downshift)
     }
 }
 

@@ -307,6 +307,9 @@ impl<T: Real> Default for Cell<T> {
 /// voxels can still be distinguished from it.
 pub(crate) const WITHIN: f64 = 1e-3;
 
+/// Index of a voxel that no volume has.
+const OUTSIDE: u32 = u32::MAX;
+
 /// Reads labels at world positions.
 pub(crate) struct LabelReader<'a, T> {
     voxels: &'a [u8],
@@ -398,22 +401,24 @@ impl<'a, T: Real> LabelReader<'a, T> {
     /// Labels of the voxels nearest to places in voxels from the corner of the first, as many as there are labels.
     #[inline(always)]
     pub(crate) fn nearest_to(&self, shifted: &[[T; BLOCK]; 3], labels: &mut [u8]) {
-        let mut voxel = [[0; BLOCK]; 3];
-        let mut is_inside = [true; BLOCK];
-        for axis in 0..3 {
-            let size = T::from_signed(self.size[axis] as i32);
-            for i in 0..BLOCK {
-                let x = shifted[axis][i];
-                voxel[axis][i] = x.truncate();
-                is_inside[i] &= x >= T::zero() && x < size;
-            }
+        let size = map(self.size, |size| T::from_signed(size as i32));
+        let pitch = map(self.size, |size| size as u32);
+        let mut voxel = [OUTSIDE; BLOCK];
+        for i in 0..BLOCK {
+            let place: [T; 3] = array(|axis| shifted[axis][i]);
+            let is_along = |axis: usize| place[axis] >= T::zero() && place[axis] < size[axis];
+            let [x, y, z] = map(place, |x| x.floor().integer() as u32);
+            let index = x.wrapping_add(pitch[0].wrapping_mul(y.wrapping_add(pitch[1].wrapping_mul(z))));
+            voxel[i] = if is_along(0) & is_along(1) & is_along(2) {
+                index
+            } else {
+                OUTSIDE
+            };
         }
         for (i, label) in labels.iter_mut().enumerate() {
-            *label = if is_inside[i] {
-                let [x, y, z] = [voxel[0][i], voxel[1][i], voxel[2][i]].map(|index| index as usize);
-                self.voxels[x + self.size[0] * (y + self.size[1] * z)]
-            } else {
-                self.nearest_beyond([shifted[0][i], shifted[1][i], shifted[2][i]])
+            *label = match self.voxels.get(voxel[i] as usize) {
+                Some(label) => *label,
+                None => self.nearest_beyond([shifted[0][i], shifted[1][i], shifted[2][i]]),
             };
         }
     }

@@ -377,10 +377,13 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                 }
                 let mut others = [0; BLOCK];
                 self.reader.nearest_to(&beside, &mut others[..labels.len()]);
-                for (i, weight) in weights.iter().enumerate() {
-                    let other = self.echo[usize::from(others[i])];
-                    let amplitude = if others[i] == labels[i] { amplitudes[i] } else { other };
-                    power[i] += *weight * amplitude * amplitude;
+                let in_plane = labels.iter().zip(&*amplitudes);
+                for ((power, weight), (other, (label, amplitude))) in
+                    power.iter_mut().zip(weights).zip(others.iter().zip(in_plane))
+                {
+                    let echo = self.echo[usize::from(*other)];
+                    let amplitude = if other == label { *amplitude } else { echo };
+                    *power += *weight * amplitude * amplitude;
                 }
             }
             // Background where tissue has moved away is background beside the plane, too.

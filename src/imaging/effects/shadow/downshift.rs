@@ -118,7 +118,7 @@ pub(super) fn felt<T: Real>([attenuation, other]: [u32; 2], [per_unit, least_at]
     let units = T::from_signed(attenuation as i32);
     let shifting = units.min(least_at);
     let unfelt = per_unit * shifting * (units + units - shifting);
-    (attenuation - unfelt.truncate() as u32 + other).min(MAX_UNITS)
+    (attenuation - unfelt.natural() + other).min(MAX_UNITS)
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ fn an_opaque_run_saturates_and_stays_dark() {
     let down_to: Vec<u32> = (0..8192)
         .map(|sample| {
             sums.add(sample % BLOCK, [0, units(1e9)]);
-            sums.felt(sample % BLOCK, [0.0f64; 2])
+            felt(sums.down_to.map(|sums| sums[sample % BLOCK]), [0.0f64; 2])
         })
         .collect();
     assert!(down_to.is_sorted());

@@ -49,22 +49,29 @@ impl<T: Real> Kernel for Along<'_, T> {
         } = self;
         let samples = input.len();
         let reach = speckle.axial_reach();
-        output.fill(T::zero());
         for band in 0..speckle.bands {
             let [start, end] = [band, band + 1].map(|band| (band * samples).div_ceil(speckle.bands));
-            for (tap, &weight) in speckle.axial_at::<T>(start, samples).iter().enumerate() {
-                // output[i] += weight * input[i + tap - reach]
-                let (from, to) = (
-                    reach.saturating_sub(tap).max(start),
-                    (samples + reach).saturating_sub(tap).min(end),
-                );
-                if from >= to || weight == T::zero() {
-                    continue;
+            let weights = speckle.axial_at::<T>(start, samples);
+            for from in (start..end).step_by(BLOCK) {
+                let output = &mut output[from..end.min(from + BLOCK)];
+                let mut sums = [T::zero(); BLOCK];
+                // output[i] = sum of weights[tap] * input[i + tap - reach]
+                if from >= reach && output.len() == BLOCK && from + BLOCK + reach <= samples {
+                    // With a fixed length the sums stay in registers.
+                    for (tap, weight) in weights.iter().enumerate() {
+                        let source: &[T; BLOCK] = input[from + tap - reach..].first_chunk().expect("a full block");
+                        (0..BLOCK).for_each(|i| sums[i] += *weight * source[i]);
+                    }
+                } else {
+                    for (tap, weight) in weights.iter().enumerate() {
+                        let skipped = reach.saturating_sub(from + tap).min(output.len());
+                        let source = &input[(from + tap).saturating_sub(reach).min(samples)..];
+                        for (sum, value) in sums[skipped..output.len()].iter_mut().zip(source) {
+                            *sum += *weight * *value;
+                        }
+                    }
                 }
-                let source = &input[from + tap - reach..to + tap - reach];
-                for (out, &value) in output[from..to].iter_mut().zip(source) {
-                    *out += weight * value;
-                }
+                output.copy_from_slice(&sums[..output.len()]);
             }
         }
         for (out, &factor) in output.iter_mut().zip(ends) {
