@@ -17,6 +17,10 @@ struct Params {
     mirror: f32,
     unfelt: f32,
     least_centre_at: f32,
+    side: u32,
+    to_next: u32,
+    outermost: u32,
+    unused: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -122,18 +126,15 @@ fn tissue_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(work
     }
 }
 
-const RAYS = 9u;
-const SIDE = 4u;
-
-// Row of a ray in tables by distance from the middle ray.
-fn from_middle(ray: u32) -> u32 {
-    return max(ray, SIDE) - min(ray, SIDE);
+// Row of a ray in tables by distance from a middle one.
+fn from_middle(ray: u32, middle: u32) -> u32 {
+    return max(ray, middle) - min(ray, middle);
 }
 
 // Index of the place on the ray of an element at a sample; beside the image of the next in it.
 fn ray_index(ray: u32, element: u32, sample: u32) -> u32 {
-    let shift = shifts[from_middle(ray) * params.samples + sample];
-    let line = clamp(i32(element) + select(shift, -shift, ray < SIDE), 0, i32(params.lines) - 1);
+    let shift = shifts[from_middle(ray, params.outermost) * params.samples + sample];
+    let line = clamp(i32(element) + select(shift, -shift, ray < params.outermost), 0, i32(params.lines) - 1);
     return u32(line) * params.samples + sample;
 }
 
@@ -173,28 +174,41 @@ fn rays_and_needle(@builtin(local_invocation_index) thread: u32, @builtin(workgr
     }
 }
 
-// The root of the product of the means, on the way there and back, of what the rays to a sample let through.
-@compute @workgroup_size(64)
-fn aperture(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= params.samples {
-        return;
-    }
+// The root of the product of the means, on the way there and back, of what the rays of a look to a sample let through.
+fn mean_of_rays(middle: u32, line: u32, sample: u32) -> f32 {
     var sums = vec2<f32>(0.0);
     var missing = vec2<f32>(0.0);
-    for (var ray = 0u; ray < RAYS; ray++) {
-        let row = from_middle(ray);
-        let shift = shifts_again[row * params.samples + id.x];
-        let element = i32(id.y) - select(shift, -shift, ray < SIDE);
-        let there = weights[2u * row * params.samples + id.x];
-        let back = weights[(2u * row + 1u) * params.samples + id.x];
+    for (var ray = middle - params.side; ray <= middle + params.side; ray++) {
+        let shift = shifts_again[from_middle(ray, params.outermost) * params.samples + sample];
+        let element = i32(line) - select(shift, -shift, ray < params.outermost);
+        let row = from_middle(ray, middle);
+        let both = vec2<f32>(weights[2u * row * params.samples + sample], weights[(2u * row + 1u) * params.samples + sample]);
         if element >= 0 && element < i32(params.lines) {
-            sums += vec2<f32>(there, back) * let_through[(ray * params.lines + u32(element)) * params.samples + id.x];
+            sums += both * let_through[(ray * params.lines + u32(element)) * params.samples + sample];
         } else {
-            missing += vec2<f32>(there, back);
+            missing += both;
         }
     }
     let present = 1.0 - missing;
-    through[id.y * params.samples + id.x] = sqrt(sums.x * sums.y / (present.x * present.y));
+    return sqrt(sums.x * sums.y / max(present.x * present.y, 1e-12));
+}
+
+@compute @workgroup_size(64)
+fn aperture(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < params.samples {
+        through[id.y * params.samples + id.x] = mean_of_rays(params.outermost, id.y, id.x);
+    }
+}
+
+// Look by look, first to the left, then to the right, and farther out.
+@compute @workgroup_size(64)
+fn aperture_of_looks(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < params.samples {
+        let look = id.y / params.lines;
+        let away = (look / 2u + 1u) * params.to_next;
+        let middle = select(params.outermost - away, params.outermost + away, (look & 1u) == 1u);
+        through[id.y * params.samples + id.x] = mean_of_rays(middle, id.y % params.lines, id.x);
+    }
 }
 
 // Attenuates each echo by the two-way transmittance, averaged over the beam.

@@ -138,18 +138,22 @@ fn lateral_pass(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
+    // Of several looks one after another.
+    let line = id.y % params.lines;
+    let fine_lines = (params.lines - 1u) * params.oversampling + 1u;
+    let look = id.y / params.lines * fine_lines * params.samples;
     // Rows over the samples: reach on each side, the weight of each tap, then the factors of the outermost scanlines.
     let reach = u32(weights[id.x]);
-    let centre = id.y * params.oversampling;
+    let centre = line * params.oversampling;
     let first = centre - min(centre, reach);
-    let last = min(centre + reach, (params.lines - 1u) * params.oversampling);
+    let last = min(centre + reach, fine_lines - 1u);
     var sum = vec2<f32>(0.0);
     for (var fine = first; fine <= last; fine++) {
         let weight = weights[(1u + fine + params.lateral_reach - centre) * params.samples + id.x];
-        sum += weight * echoes[fine * params.samples + id.x];
+        sum += weight * echoes[look + fine * params.samples + id.x];
     }
     var scale = 1.0;
-    let from_side = min(id.y, params.lines - 1u - id.y);
+    let from_side = min(line, params.lines - 1u - line);
     if from_side * params.oversampling < params.lateral_reach {
         // What makes up for the taps beyond the side.
         scale = weights[(2u * params.lateral_reach + 2u + from_side) * params.samples + id.x];

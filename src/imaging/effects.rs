@@ -310,7 +310,7 @@ macro_rules! registry {
             }
 
             /// Returns the usual effects with their default parameters: all but additive noise, which duplicates what
-            /// speckle does physically, and blur and speckle reduction, which even speckle out.
+            /// speckle does physically, and blur, compounding and speckle reduction, which even speckle out.
             pub fn usual() -> Self {
                 Self {
                     $($name: Setting::usual(),)+
@@ -412,6 +412,8 @@ registry! {
     interface: Option<Interface> = "Specular echoes where the acoustic impedance changes.";
     needle: Option<NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
         columns needle::Columns;
+    compound: Option<Compound> = "Spatial compounding: the mean of looks steered to either side.",
+        derives compound::Derived, columns compound::Columns<T>;
     shadow: Option<Shadow> = "Attenuation, and shadows of bone, gas and the needle.",
         derives shadow::Derived, columns shadow::Columns<T>;
     refraction: Option<Refraction>

@@ -30,6 +30,7 @@ pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
     AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
 };
+use super::compound::{self, LOOKS_THROUGH, Steering};
 use super::lateral::{BLOCK, LateralKernel};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
@@ -140,11 +141,14 @@ pub(crate) const EFFECT: Effect = Effect {
             [&TISSUE, &RAYS]
         };
         let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
+        let looks = compound::steered(tables) > 0;
         let passes = [
             (true, loss),
             (opens(tables), rays),
             (opens(tables), &APERTURE),
             (true, &PENUMBRA),
+            (looks, &APERTURE_OF_LOOKS),
+            (looks, &compound::SHADED),
             (mirrors || repeats, &FIND_REFLECTORS),
             (mirrors, &MIRROR),
             (repeats, &REVERBERATION),
@@ -154,6 +158,7 @@ pub(crate) const EFFECT: Effect = Effect {
             .filter_map(|(runs, pass)| runs.then_some(pass))
             .collect()
     },
+    needed_by: |_, pass| compound::needs(pass),
     buffers: &[
         &PENUMBRA_KERNEL,
         &APERTURE_SHIFTS,
@@ -199,10 +204,11 @@ pub(crate) type Key<'a> = (
     &'a TissueTable,
     Transducer,
     Option<PointSpread>,
+    Option<Steering>,
 );
 
-/// Takes parameters, frequency (MHz), grid, tissues, aperture and, if the width of the beam is not stated, point
-/// spread.
+/// Takes parameters, frequency (MHz), grid, tissues, aperture, if the width of the beam is not stated the point spread,
+/// and the directions of the looks.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let probe = &settings.probe;
     let shadow = settings.effects.shadow.as_ref();
@@ -210,13 +216,22 @@ pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'
         let speckle = settings.effects.speckle.clone().unwrap_or_default();
         PointSpread::new(&speckle, probe, Attenuation::of(tissues, settings))
     });
-    (shadow, probe.frequency_mhz, grid, tissues, probe.transducer(), spread)
+    let steering = shadow.and_then(|_| Steering::of(settings, grid));
+    (
+        shadow,
+        probe.frequency_mhz,
+        grid,
+        tissues,
+        probe.transducer(),
+        spread,
+        steering,
+    )
 }
 
 /// Makes losses, kernel and aperture.
 pub(crate) fn derive(
     anatomy: &Anatomy,
-    (shadow, frequency_mhz, grid, tissues, transducer, spread): &Key,
+    (shadow, frequency_mhz, grid, tissues, transducer, spread, steering): &Key,
 ) -> Result<Derived, SynthError> {
     let Some(shadow) = shadow else {
         return Ok(Derived::default());
@@ -226,7 +241,7 @@ pub(crate) fn derive(
         let [attenuation, occlusion] = shadow.db_per_mm(tissue, *frequency_mhz);
         [attenuation, attenuation + occlusion].map(|db_mm| units(db_mm * grid.sample_spacing_mm()))
     };
-    let aperture = Aperture::new(shadow, transducer, grid);
+    let aperture = Aperture::new(shadow, transducer, grid, steering.as_ref());
     Ok(Derived {
         losses: (0..anatomy.volume.labels().len()).map(loss).collect(),
         penumbra: Some(shadow.kernel(spread.as_ref(), &aperture, grid)),
@@ -236,8 +251,9 @@ pub(crate) fn derive(
 }
 
 /// Reach and weights of the beam, each a row over the depths (`f32`).
-static PENUMBRA_KERNEL: Buffer = Buffer::new(210, "PenumbraKernel", 4, |tables| weights(&tables.effects).len())
-    .derived(|_, derived| bytes_of(weights(derived)));
+pub(super) static PENUMBRA_KERNEL: Buffer =
+    Buffer::new(210, "PenumbraKernel", 4, |tables| weights(&tables.effects).len())
+        .derived(|_, derived| bytes_of(weights(derived)));
 
 fn weights(derived: &EffectTables) -> &[f32] {
     let kernel = derived.shadow.penumbra.as_ref();
@@ -263,7 +279,7 @@ static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
 static REFLECTORS: Buffer = Buffer::new(270, "Reflectors", 4, Tables::lines);
 
 fn rays_of_beam(tables: &Tables) -> usize {
-    aperture::RAYS * beam(tables)
+    tables.effects.shadow.aperture.rays() * beam(tables)
 }
 
 columns! {
@@ -274,7 +290,7 @@ columns! {
         /// Losses by attenuation, then others, of each sample depth across the scanlines.
         losses: [u32; |tables| 2 * beam(tables)] = 0, THROUGH;
         /// Per ray: losses of the rays of all elements, by attenuation, then others, down to a sample.
-        above: [u32; |tables| 2 * aperture::RAYS * tables.lines()] = 0, THROUGH;
+        above: [u32; |tables| 2 * tables.effects.shadow.aperture.rays() * tables.lines()] = 0, THROUGH;
         /// Transmittances of each sample depth across the scanlines.
         across: [T; beam] = T::zero(), THROUGH;
         /// Data of `REFLECTORS`.
@@ -342,7 +358,7 @@ const fn rays_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Us
         entry,
         bindings,
         params,
-        grid: Grid::Workgroups(|tables| [tables.lines() as u32, aperture::RAYS as u32]),
+        grid: Grid::Workgroups(|tables| [tables.lines() as u32, tables.effects.shadow.aperture.rays() as u32]),
         flips: false,
         cpu: reference!(aperture::rays),
         bound: bound!(Covered("by the bound of `shadow`")),
@@ -366,6 +382,22 @@ const APERTURE: Pass = Pass {
     bound: bound!(Covered("by the bound of `shadow`")),
 };
 
+/// The means of the steered looks of `compound`.
+const APERTURE_OF_LOOKS: Pass = Pass {
+    name: "compound_aperture",
+    entry: "aperture_of_looks",
+    bindings: &[
+        (&APERTURE_SHIFTS, Read),
+        (&THROUGH, Read),
+        (&LOOKS_THROUGH, WriteOwn),
+        (&APERTURE_WEIGHTS, Read),
+    ],
+    grid: Grid::FineSamples(|tables| compound::steered(tables) * tables.lines()),
+    cpu: reference!(aperture::means_of_looks),
+    bound: bound!(Covered("by the bound of `compound`")),
+    ..APERTURE
+};
+
 /// Whether shadows widen with depth: the scene has tissues of different losses, or a needle.
 pub fn opens(tables: &Tables) -> bool {
     let Some(shadow) = &tables.settings.effects.shadow else {
@@ -378,7 +410,7 @@ pub fn opens(tables: &Tables) -> bool {
         .map(|(_, row)| row.loss);
     let differs = losses.next().is_some_and(|first| losses.any(|loss| loss != first));
     let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
-    shadow.f_number != Some(0.0) && (differs || needle)
+    compound::steered(tables) > 0 || shadow.f_number != Some(0.0) && (differs || needle)
 }
 
 /// Pass for the loss down each scanline, and its one-way transmittance, which is stored in `AmplitudeNext`.
@@ -509,6 +541,14 @@ block! {
         unfelt: f32,
         /// Attenuation up to which that share grows, units.
         least_centre_at: f32,
+        /// Number of rays on either side of the middle one of a look.
+        side: u32,
+        /// Rays from the middle one of a look to that of the next.
+        to_next: u32,
+        /// Number of rays on either side of the middle one of all.
+        outermost: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
     }
 }
 
@@ -516,6 +556,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
     let [unfelt, least_centre_at] = tables.effects.shadow.downshift.map(|number| number as f32);
+    let aperture = &tables.effects.shadow.aperture;
     ParamBlock::of(&ShadowParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
@@ -534,6 +575,10 @@ fn params(view: &View, _: Band) -> ParamBlock {
         mirror: mirror::share(tables) as f32,
         unfelt,
         least_centre_at,
+        side: aperture.side as u32,
+        to_next: aperture.to_next as u32,
+        outermost: aperture.outermost as u32,
+        unused: 0,
     })
 }
 

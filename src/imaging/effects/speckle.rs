@@ -30,10 +30,11 @@ mod tables;
 use glam::Vec4;
 
 use scatter::{add_specular, scatter};
-use spread::{axial, lateral};
+use spread::{axial, axial_of_looks, lateral, lateral_of_looks};
 pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
+use super::compound::{self, LOOK_ENVELOPES, LOOKS, LOOKS_AXIAL, Steering};
 use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread};
@@ -78,16 +79,29 @@ pub(crate) const EFFECT: Effect = Effect {
     stage: Stage::Speckle,
     example: "effects.speckle = {}",
     wanted,
-    passes: |tables| match (&tables.anatomy.mesh, has_specular(tables)) {
-        (None, false) => vec![&GATHER, &AXIAL, &LATERAL],
-        (None, true) => vec![&GATHER, &ADD_SPECULAR, &AXIAL, &LATERAL],
-        (Some(_), false) => vec![&GATHER_WARPED, &AXIAL, &LATERAL],
-        (Some(_), true) => vec![&GATHER_WARPED, &ADD_SPECULAR, &AXIAL, &LATERAL],
+    passes: |tables| {
+        let (is_specular, looks) = (has_specular(tables), compound::steered(tables) > 0);
+        let passes = [
+            (tables.anatomy.mesh.is_none(), &GATHER),
+            (tables.anatomy.mesh.is_some(), &GATHER_WARPED),
+            (looks && !is_specular, &compound::TURN),
+            (looks && is_specular, &compound::TURN_SPECULAR),
+            (looks, &AXIAL_OF_LOOKS),
+            (looks, &LATERAL_OF_LOOKS),
+            (is_specular, &ADD_SPECULAR),
+            (true, &AXIAL),
+            (true, &LATERAL),
+        ];
+        passes
+            .into_iter()
+            .filter_map(|(runs, pass)| runs.then_some(pass))
+            .collect()
     },
     needed_by: |tables, pass| {
         let has_surfaces = tables.settings.effects.interface.is_some();
         let specular = if has_surfaces { "interface" } else { "needle" };
-        (pass.name == ADD_SPECULAR.name).then_some(specular)
+        let is_specular = pass.name == ADD_SPECULAR.name;
+        is_specular.then_some(specular).or_else(|| compound::needs(pass))
     },
     buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL],
     warnings: |tables| {
@@ -123,32 +137,37 @@ pub(crate) const EFFECT: Effect = Effect {
 pub(crate) type Derived = Option<SpeckleTables>;
 
 /// Settings on which lattice and kernels depend.
-pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid);
+pub(crate) type Key<'a> = (Option<PointSpread>, &'a BeamGrid, Option<Steering>);
 
-/// Takes point spread and grid.
+/// Takes point spread, grid and the directions of the looks.
 pub(crate) fn key<'a>(tissues: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
     let speckle = settings.effects.speckle.as_ref();
     let attenuation = || Attenuation::of(tissues, settings);
     (
         speckle.map(|speckle| PointSpread::new(speckle, &settings.probe, attenuation())),
         grid,
+        Steering::of(settings, grid),
     )
 }
 
 /// Makes the lattice and the kernels.
-pub(crate) fn derive(_: &Anatomy, (spread, grid): &Key) -> Result<Derived, SynthError> {
-    Ok(spread.clone().map(|spread| SpeckleTables::new(spread, grid)))
+pub(crate) fn derive(_: &Anatomy, (spread, grid, steering): &Key) -> Result<Derived, SynthError> {
+    let speckle = spread
+        .clone()
+        .map(|spread| SpeckleTables::new(spread, grid, steering.as_ref()));
+    Ok(speckle)
 }
 
 /// Per fine scanline and sample: complex echo (`vec2<f32>`).
-static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
+pub(super) static SCATTER: Buffer = Buffer::new(160, "Scatter", 8, fine_samples);
 
 /// Complex echo after the axial point spread (`vec2<f32>`).
 static SCATTER_AXIAL: Buffer = Buffer::new(170, "ScatterAxial", 8, fine_samples);
 
 /// Weights of the axial point spread, a row for each band of depth, then two factors per sample (`f32`).
-static AXIAL_KERNEL: Buffer = Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(&tables.effects).len())
-    .derived(|_, derived| bytes_of(&axial_kernel(derived)));
+pub(super) static AXIAL_KERNEL: Buffer =
+    Buffer::new(180, "AxialKernel", 4, |tables| axial_kernel(&tables.effects).len())
+        .derived(|_, derived| bytes_of(&axial_kernel(derived)));
 
 /// Reach and weights of the lateral point spread, each a row over the depths, then factors of the outermost scanlines
 /// (`f32`).
@@ -167,7 +186,7 @@ fn lateral_kernel(derived: &EffectTables) -> Vec<f32> {
     })
 }
 
-fn fine_samples(tables: &Tables) -> usize {
+pub(super) fn fine_samples(tables: &Tables) -> usize {
     fine_lines(tables) * tables.samples()
 }
 
@@ -184,7 +203,7 @@ columns! {
 const SHADER: &str = include_str!("../../../shaders/speckle.wgsl");
 
 /// Whether the scene has echoes of surfaces or needles.
-fn has_specular(tables: &Tables) -> bool {
+pub(super) fn has_specular(tables: &Tables) -> bool {
     tables.settings.effects.interface.is_some() || needle::present(tables)
 }
 
@@ -246,6 +265,30 @@ const AXIAL: Pass = Pass {
     bound: bound!(Covered("by the bound of `speckle_lateral`")),
 };
 
+/// The axial point spread of the steered looks.
+const AXIAL_OF_LOOKS: Pass = Pass {
+    name: "compound_axial",
+    bindings: &[(&LOOKS, ReadLine), (&AXIAL_KERNEL, Read), (&LOOKS_AXIAL, WriteOwn)],
+    grid: Grid::FineSamples(|tables| compound::steered(tables) * fine_lines(tables)),
+    cpu: reference!(axial_of_looks),
+    bound: bound!(Covered("by the bound of `compound_lateral`")),
+    ..AXIAL
+};
+
+/// Their lateral point spread and envelopes.
+const LATERAL_OF_LOOKS: Pass = Pass {
+    name: "compound_lateral",
+    bindings: &[
+        (&LOOKS_AXIAL, Read),
+        (&LATERAL_KERNEL, Read),
+        (&LOOK_ENVELOPES, WriteOwn),
+    ],
+    grid: Grid::FineSamples(|tables| compound::steered(tables) * tables.lines()),
+    cpu: reference!(lateral_of_looks),
+    bound: bound!(By(bound::carry_looks)),
+    ..LATERAL
+};
+
 const LATERAL: Pass = Pass {
     name: "speckle_lateral",
     shader: SHADER,
@@ -258,7 +301,7 @@ const LATERAL: Pass = Pass {
     bound: bound!(By(bound::carry)),
 };
 
-fn fine_lines(tables: &Tables) -> usize {
+pub(super) fn fine_lines(tables: &Tables) -> usize {
     tables
         .effects
         .speckle

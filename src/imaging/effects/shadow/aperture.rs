@@ -10,11 +10,14 @@
 //! accumulated in one scan per element and angle. Elements beyond the ends of the array are ignored. Rays to a phased
 //! array, whose scanlines all begin at one element, are told apart by their distance from it, and counted by where they
 //! leave the image. Beside the image tissue is as at its edge.
+//!
+//! The steered looks of `compound` have the same aperture about other elements, and so rays at angles farther out.
 
 use std::ops::Range;
 
 use super::downshift::felt;
 use super::{Columns, MAX_UNITS, Shadow, exponent_per_unit, needle_units, one_way, shaded};
+use crate::effects::compound::{Steering, steered, steps};
 use crate::effects::lateral::BLOCK;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
@@ -26,7 +29,7 @@ use insonify_tracking::probe::{Apodisation, BeamGrid, Transducer};
 /// Number of rays to a point, the middle one down its scanline. With nine, penumbrae of the table in `physics.rs` are
 /// within 12 % of those of a continuous aperture, with seven within 22 %.
 pub const RAYS: usize = 9;
-/// Number of rays to either side.
+/// Number of them to either side.
 const SIDE: usize = RAYS / 2;
 
 /// Share of the weights on reception that the rays stand for; those farthest from the middle weigh little.
@@ -36,12 +39,21 @@ const SPANNED: f64 = 0.96;
 /// neighbouring rays are smoothed out.
 const CROSSING: f64 = 0.25;
 
+/// Least product of the weights that are present by which is divided.
+pub(crate) const LEAST_PRESENT: f64 = 1e-12;
+
 /// Largest angle between a ray and the surface normal of the array, radians.
 const STEEPEST: f64 = 1.2;
 
 /// Rays of the aperture to the points of a grid; empty if shadows do not widen.
 #[derive(Clone, Debug, Default)]
 pub struct Aperture {
+    /// Number of rays on either side of the middle one of a look.
+    pub side: usize,
+    /// Rays from the middle one of a look to that of the next.
+    pub to_next: usize,
+    /// Number of rays on either side of the middle one of all.
+    pub outermost: usize,
     /// Per distance from the middle ray, a row over the samples: scanlines that a ray crosses down to there.
     pub shifts: Vec<i32>,
     /// Per distance from the middle ray, a row over the samples each for transmission and reception: weight of the ray.
@@ -51,12 +63,19 @@ pub struct Aperture {
 }
 
 /// Courses of the rays between the array and a depth.
-struct Fan {
+pub(crate) struct Fan {
     /// Radius of the array, mm: 0 of a phased one, `None` if scanlines are parallel.
     radius_mm: Option<f64>,
 }
 
 impl Fan {
+    /// That of a grid.
+    pub(crate) fn of(grid: &BeamGrid) -> Self {
+        Self {
+            radius_mm: grid.virtual_apex_mm(),
+        }
+    }
+
     /// Ray from an element: the tangent of its angle; of a curved array the angle, of a phased one the element.
     fn ray(&self, element_mm: f64, depth_mm: f64) -> f64 {
         match self.radius_mm {
@@ -81,7 +100,7 @@ impl Fan {
 
     /// Scanlines that a ray has crossed at a depth since it left the array; to a phased one, less those to the end of
     /// the image.
-    fn shift(&self, ray: f64, depth_mm: f64, grid: &BeamGrid) -> f64 {
+    pub(crate) fn shift(&self, ray: f64, depth_mm: f64, grid: &BeamGrid) -> f64 {
         if self.radius_mm != Some(0.0) {
             return self.element_mm(ray, depth_mm) / grid.lateral_spacing_mm(0.0);
         }
@@ -119,15 +138,14 @@ impl Cumulative {
 }
 
 impl Aperture {
-    /// Rays from the aperture of a transducer, with the f-number on reception of the shadow if it states one.
-    pub fn new(shadow: &Shadow, transducer: &Transducer, grid: &BeamGrid) -> Self {
+    /// Rays from the aperture of a transducer, with the f-number on reception of the shadow if it states one, for the
+    /// looks of compounding.
+    pub(crate) fn new(shadow: &Shadow, transducer: &Transducer, grid: &BeamGrid, steering: Option<&Steering>) -> Self {
         let f_number = shadow.f_number.unwrap_or(transducer.receive_f_number);
-        if f_number == 0.0 {
+        if f_number == 0.0 && steering.is_none() {
             return Self::default();
         }
-        let fan = Fan {
-            radius_mm: grid.virtual_apex_mm(),
-        };
+        let fan = Fan::of(grid);
         let largest = 0.5 * transducer.aperture_mm;
         let half_element = 0.5 * transducer.element_mm;
         let receive = |depth_mm: f64| (0.5 * depth_mm / f_number).max(half_element);
@@ -140,15 +158,27 @@ impl Aperture {
             let depth_mm = grid.depth_mm() * f64::from(step) / 32.0;
             fan.ray((spanned * receive(depth_mm)).min(largest), depth_mm)
         };
-        let step = (8..=32).map(edge).fold(0.0, f64::max) / (0.5 * RAYS as f64);
+        let spread = (8..=32).map(edge).fold(0.0, f64::max);
+        let step = spread / (0.5 * RAYS as f64);
+        // Looks are whole numbers of rays apart, which lie no farther apart for it; one ray casts straight shadows.
+        let (step, side, to_next) = match steering {
+            None => (step, SIDE, 0),
+            Some(steering) if f_number == 0.0 => (steering.step, 0, 1),
+            Some(steering) => {
+                let to_next = (steering.step / step).ceil();
+                let step = steering.step / to_next;
+                (step, (spread / step - 0.5).ceil() as usize, to_next as usize)
+            }
+        };
+        let outermost = side + to_next * steering.map_or(0, |steering| steering.on_side);
         let samples = grid.samples();
-        let shifts = (0..=SIDE).flat_map(|ray| {
+        let shifts = (0..=outermost).flat_map(|ray| {
             let fan = &fan;
             (0..samples)
                 .map(move |sample| fan.shift(ray as f64 * step, grid.sample_depth_mm(sample), grid).round() as i32)
         });
         let shifts: Vec<i32> = shifts.collect();
-        let mut rows = vec![0.0; 2 * (SIDE + 1) * samples];
+        let mut rows = vec![0.0; 2 * (side + 1) * samples];
         for sample in 0..samples {
             let depth_mm = grid.sample_depth_mm(sample);
             // Weights of the elements up to those halfway to the next ray.
@@ -159,12 +189,17 @@ impl Aperture {
                     weights.within(element_mm / receive(depth_mm)),
                 ]
             };
-            let all = up_to(SIDE);
-            for ray in 0..=SIDE {
+            let all = up_to(side);
+            for ray in 0..=side {
                 let (to, from) = (up_to(ray), ray.checked_sub(1).map_or([0.0; 2], up_to));
                 for way in 0..2 {
                     let on_either_side = if ray == 0 { 1.0 } else { 0.5 };
-                    rows[(2 * ray + way) * samples + sample] = on_either_side * (to[way] - from[way]) / all[way];
+                    let share = if side == 0 {
+                        1.0
+                    } else {
+                        (to[way] - from[way]) / all[way]
+                    };
+                    rows[(2 * ray + way) * samples + sample] = on_either_side * share;
                 }
             }
         }
@@ -172,6 +207,9 @@ impl Aperture {
         let crossing_mm = CROSSING * grid.depth_mm();
         let apart = |sample: usize| shift(grid.sample_depth_mm(sample).max(crossing_mm)) - shift(crossing_mm);
         Self {
+            side,
+            to_next,
+            outermost,
             weights: Numbers::new(rows),
             apart: (0..samples).map(apart).collect(),
             shifts,
@@ -192,16 +230,27 @@ impl Aperture {
         (0..lines as i64).contains(&element).then_some(element as usize)
     }
 
-    fn shift(&self, ray: usize, sample: usize) -> i64 {
-        let samples = self.apart.len();
-        let shift = i64::from(self.shifts[ray.abs_diff(SIDE) * samples + sample]);
-        if ray < SIDE { -shift } else { shift }
+    /// Number of rays.
+    pub(crate) fn rays(&self) -> usize {
+        2 * self.outermost + 1
     }
 
-    /// Weights of a ray at the samples, on transmission and on reception.
-    pub(crate) fn weights<T: Real>(&self, ray: usize) -> [&[T]; 2] {
+    /// Rays of a look, by the steps of its middle one to the side.
+    pub(crate) fn rays_of(&self, steps: i32) -> Range<usize> {
+        let middle = (self.outermost as i32 + steps * self.to_next as i32) as usize;
+        middle - self.side..middle + self.side + 1
+    }
+
+    fn shift(&self, ray: usize, sample: usize) -> i64 {
         let samples = self.apart.len();
-        let rows = &self.weights.of::<T>()[2 * ray.abs_diff(SIDE) * samples..];
+        let shift = i64::from(self.shifts[ray.abs_diff(self.outermost) * samples + sample]);
+        if ray < self.outermost { -shift } else { shift }
+    }
+
+    /// Weights of a ray of a look at the samples, on transmission and on reception.
+    pub(crate) fn weights<T: Real>(&self, of_look: usize) -> [&[T]; 2] {
+        let samples = self.apart.len();
+        let rows = &self.weights.of::<T>()[2 * of_look.abs_diff(self.side) * samples..];
         [&rows[..samples], &rows[samples..2 * samples]]
     }
 
@@ -318,19 +367,33 @@ fn add(sum: &mut u32, own: u32) {
 
 /// One-way transmittance of each sample: the root of the product of the means on the way there and back.
 pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
+    let beam = view.tables.lines() * view.tables.samples();
+    mean_of(view, 0, &mut store.effects.shadow, &mut store.amplitude_next[..beam]);
+}
+
+/// The same for each steered look.
+pub(super) fn means_of_looks<T: Real>(view: &View, store: &mut Store<T>) {
+    let beam = view.tables.lines() * view.tables.samples();
+    let columns = &mut store.effects.shadow;
+    for (look, left) in (0..steered(view.tables)).zip(store.effects.compound.through.chunks_mut(beam)) {
+        mean_of(view, steps(look), columns, left);
+    }
+}
+
+fn mean_of<T: Real>(view: &View, steps: i32, columns: &mut Columns<T>, left: &mut [T]) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let Columns { through, across, .. } = &mut store.effects.shadow;
+    let Columns { through, across, .. } = columns;
     for_each((0.., chunks_mut(across, lines)), &|(sample, left)| {
         T::vectorised(Mean {
             aperture: &tables.effects.shadow.aperture,
+            steps,
             sample,
             through,
             left,
         });
     });
-    let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
-    for_each((0.., scanlines), &|(line, left)| {
+    for_each((0.., chunks_mut(left, samples)), &|(line, left)| {
         for (sample, left) in left.iter_mut().enumerate() {
             *left = across[sample * lines + line];
         }
@@ -340,6 +403,8 @@ pub(super) fn mean<T: Real>(view: &View, store: &mut Store<T>) {
 /// The means of a sample depth.
 struct Mean<'a, T> {
     aperture: &'a Aperture,
+    /// Of the look to the side.
+    steps: i32,
     sample: usize,
     through: &'a [T],
     /// Across the scanlines.
@@ -352,15 +417,15 @@ impl<T: Real> Kernel for Mean<'_, T> {
     #[inline(always)]
     fn run(self) {
         let lines = self.left.len();
-        let samples = self.through.len() / (RAYS * lines);
+        let samples = self.through.len() / (self.aperture.rays() * lines);
         for (block, left) in self.left.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
             let end = start + left.len();
             let mut there = [T::zero(); BLOCK];
             let mut back = [T::zero(); BLOCK];
             let mut present = [[T::zero(); BLOCK]; 2];
-            for ray in 0..RAYS {
-                let [to, from] = self.aperture.weights::<T>(ray).map(|weights| weights[self.sample]);
+            for (of_look, ray) in self.aperture.rays_of(self.steps).enumerate() {
+                let [to, from] = self.aperture.weights::<T>(of_look).map(|weights| weights[self.sample]);
                 let inside = self.aperture.inside([ray, self.sample], lines);
                 let (first, last) = (inside.start.clamp(start, end), inside.end.clamp(start, end));
                 let through = &self.through[(ray * samples + self.sample) * lines..][first..last];
@@ -372,7 +437,9 @@ impl<T: Real> Kernel for Mean<'_, T> {
                 }
             }
             for (i, left) in left.iter_mut().enumerate() {
-                *left = (there[i] * back[i] / (present[0][i] * present[1][i])).sqrt();
+                // Of a look from far beyond the array no ray is present.
+                let all = (present[0][i] * present[1][i]).max(T::of(LEAST_PRESENT));
+                *left = (there[i] * back[i] / all).sqrt();
             }
         }
     }
@@ -387,7 +454,7 @@ mod tests {
         let mut probe = Probe::new(shape, 60.0).expect("a probe");
         (probe.lines, probe.samples) = (101, 300);
         let grid = BeamGrid::new(&probe).expect("a grid");
-        (Aperture::new(&Shadow::default(), &probe.transducer(), &grid), grid)
+        (Aperture::new(&Shadow::default(), &probe.transducer(), &grid, None), grid)
     }
 
     #[test]

@@ -2,7 +2,7 @@
 //! means over the aperture and over the beam.
 
 use crate::effects::common::spacing;
-use crate::effects::shadow::aperture::RAYS;
+use crate::effects::shadow::aperture::LEAST_PRESENT;
 use crate::effects::shadow::penumbra::opaque_units;
 use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
 use crate::effects::shadow::{MAX_UNITS, exponent_per_unit, mirror, needle_units, opens};
@@ -74,15 +74,11 @@ fn down(step: &Step, losses: impl Fn(usize) -> [[f64; 2]; 2]) -> Vec<[f64; 2]> {
     (0..step.samples()).map(sample).collect()
 }
 
-/// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds.
-fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
+/// Returns the one-way transmittance down every ray of every element, with error bounds.
+fn of_rays(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
-    if !opens(step.tables) {
-        let losses = step.after.loss.iter().zip(&slack.loss);
-        return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
-    }
     let aperture = &step.tables.effects.shadow.aperture;
-    let of_rays: Vec<[f64; 2]> = (0..RAYS * lines)
+    (0..aperture.rays() * lines)
         .flat_map(|row| {
             let (ray, element) = (row / lines, row % lines);
             let losses = down(step, |sample| {
@@ -91,14 +87,27 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
             });
             losses.into_iter().map(|[loss, off]| one_way(loss, off))
         })
-        .collect();
+        .collect()
+}
+
+/// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds, in the look so
+/// many steps to the side.
+fn through(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
+    let (lines, samples) = (step.lines(), step.samples());
+    if !opens(step.tables) {
+        let losses = step.after.loss.iter().zip(&slack.loss);
+        return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
+    }
+    let aperture = &step.tables.effects.shadow.aperture;
+    let of_rays = of_rays(step, slack);
+    let rays = aperture.rays_of(steps).len() as f64;
     let mean = |line: usize, sample: usize| {
         // Least, exact and largest product of the means, and of the weights that are present.
         let (mut product, mut whole) = ([1.0; 3], 1.0);
         for way in 0..2 {
             let (mut sum, mut off, mut present) = (0.0, 0.0, 0.0);
-            for ray in 0..RAYS {
-                let weight = aperture.weights::<f64>(ray)[way][sample];
+            for (of_look, ray) in aperture.rays_of(steps).enumerate() {
+                let weight = aperture.weights::<f64>(of_look)[way][sample];
                 if let Some(element) = aperture.element_at([ray, line, sample], lines) {
                     let [through, through_off] = of_rays[(ray * lines + element) * samples + sample];
                     sum += weight * through;
@@ -107,7 +116,8 @@ fn through(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
                 }
             }
             // Weights stored (1/2), products (1) and sums; what is present to as many, relative to 1.
-            let off = off + (RAYS as f64 + 1.5) * ULP * (sum + off) * (1.0 + 1.0 / present) + TINY;
+            let present = f64::max(present, LEAST_PRESENT.sqrt());
+            let off = off + (rays + 1.5) * ULP * (sum + off) * (1.0 + 1.0 / present) + TINY;
             product[0] *= (sum - off).max(0.0) / present;
             product[1] *= sum / present;
             product[2] *= (sum + off) / present;
@@ -139,13 +149,30 @@ fn one_way(loss: f64, off: f64) -> [f64; 2] {
 
 /// Propagates the bounds through the mean over the beam.
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
-    let Some(kernel) = &step.tables.effects.shadow.penumbra else {
+    if step.tables.effects.shadow.penumbra.is_none() {
         return slack.fault("a shadow without a kernel");
-    };
+    }
+    let left = left(step, slack, 0);
+    for (index, [square, square_off]) in left.into_iter().enumerate() {
+        let amplitude = step.before.amplitude[index].abs();
+        // Two products.
+        slack.amplitude[index] = slack.amplitude[index] * (square + square_off)
+            + amplitude * (square_off + 2.0 * ULP * (square + square_off))
+            + TINY * (1.0 + amplitude);
+    }
+}
+
+/// Returns the two-way transmittance of every sample in the look so many steps to the side, with error bounds; all of it
+/// without a shadow.
+pub(crate) fn left(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
+    let mut squares = vec![[1.0, 0.0]; lines * samples];
+    let Some(kernel) = &step.tables.effects.shadow.penumbra else {
+        return squares;
+    };
     let opaque = opaque_units(step.tables.sample_mm());
     let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
-    let left_of_all = through(step, slack);
+    let left_of_all = through(step, slack, steps);
     for sample in 0..samples {
         let weights: Vec<f64> = kernel.at(sample).collect();
         let through: Vec<[f64; 2]> = (0..lines).map(|line| left_of_all[line * samples + sample]).collect();
@@ -171,14 +198,10 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 [true, false] => [darker[0], mean - darker[0] + off.max(line_off)],
                 [false, true] => [mean, mean - darker[0] + off.max(line_off)],
             };
-            let (square, square_off) = (left * left, (2.0 * left + off) * off);
-            let amplitude = step.before.amplitude[index].abs();
-            // Two products.
-            slack.amplitude[index] = slack.amplitude[index] * (square + square_off)
-                + amplitude * (square_off + 2.0 * ULP * (square + square_off))
-                + TINY * (1.0 + amplitude);
+            squares[index] = [left * left, (2.0 * left + off) * off];
         }
     }
+    squares
 }
 
 /// Returns the first opaque sample of each scanline, for both backends.

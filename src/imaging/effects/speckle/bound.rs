@@ -89,10 +89,33 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
 }
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
-    let tables = step.tables;
-    let Some(speckle) = &tables.effects.speckle else {
+    let Some(speckle) = &step.tables.effects.speckle else {
         return slack.fault("speckle without tables");
     };
+    let envelopes = envelopes(step, slack, speckle);
+    slack.amplitude = envelopes.into_iter().map(|[off, _]| off).collect();
+    if step.to_nearest {
+        check_typical(step, slack);
+    }
+}
+
+/// Propagates the bounds to the envelopes of the steered looks: scatterers of which are turned, and made up for.
+pub(crate) fn carry_looks(step: &Step, slack: &mut Slack) {
+    let Some(speckle) = &step.tables.effects.speckle else {
+        return slack.fault("speckle without tables");
+    };
+    let steered = crate::effects::compound::steered(step.tables);
+    let gains = &speckle.turns.of::<f64>()[..steered * step.samples()];
+    let gain = gains.iter().copied().fold(1.0, f64::max);
+    // Gain, cosine and sine stored (1/2 each), three products, a sum.
+    let turned = envelopes(step, slack, speckle).into_iter();
+    slack.looks = turned
+        .map(|[off, size]| [gain * (off + 5.0 * ULP * size), gain * size])
+        .collect();
+}
+
+/// Bound and size of the envelope of each sample.
+fn envelopes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     let fine_lines = speckle.fine_lines(lines);
     let over = speckle.oversampling;
@@ -114,6 +137,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         }
     }
     let reach = speckle.lateral.reach;
+    let mut envelopes = vec![[0.0; 2]; lines * samples];
     for line in 0..lines {
         let centre = line * over;
         for sample in 0..samples {
@@ -130,12 +154,10 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 .map_or(1.0, |row| speckle.edges.of::<f64>()[row * samples + sample]);
             // The modulus: root of a sum of two squares; at the edges times a stored factor.
             let modulus = ROOT + 2.0 * ULP + 1.5 * ULP;
-            slack.amplitude[line * samples + sample] = scale * (off + modulus * size);
+            envelopes[line * samples + sample] = [scale * (off + modulus * size), scale * size];
         }
     }
-    if step.to_nearest {
-        check_typical(step, slack);
-    }
+    envelopes
 }
 
 /// Ratio of typical error to bound. The bound adds thousands of roundings (kernel taps, corners, terms) as if all had

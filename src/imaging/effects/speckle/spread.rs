@@ -9,23 +9,29 @@ use insonify_base::real::Real;
 use insonify_base::simd::Kernel;
 
 pub(super) fn axial<T: Real>(view: &View, store: &mut Store<T>) {
+    let columns = &mut store.effects.speckle;
+    along(view, &columns.scatter, &mut columns.scatter_axial);
+}
+
+pub(super) fn axial_of_looks<T: Real>(view: &View, store: &mut Store<T>) {
+    let columns = &mut store.effects.compound;
+    along(view, &columns.looks, &mut columns.axial);
+}
+
+fn along<T: Real>(view: &View, input: &[T], output: &mut [T]) {
     let Some(speckle) = &view.tables.effects.speckle else {
         return;
     };
     let samples = view.tables.samples();
     let ends = speckle.ends.of::<T>();
-    let input = &store.effects.speckle.scatter;
-    for_each(
-        (0.., chunks_mut(&mut store.effects.speckle.scatter_axial, samples)),
-        &|(part, output)| {
-            T::vectorised(Along {
-                input: &input[part * samples..][..samples],
-                speckle,
-                ends,
-                output,
-            });
-        },
-    );
+    for_each((0.., chunks_mut(output, samples)), &|(part, output)| {
+        T::vectorised(Along {
+            input: &input[part * samples..][..samples],
+            speckle,
+            ends,
+            output,
+        });
+    });
 }
 
 /// Convolution along a scanline, truncated at its ends and rescaled there to preserve its power.
@@ -81,25 +87,33 @@ impl<T: Real> Kernel for Along<'_, T> {
 }
 
 pub(super) fn lateral<T: Real>(view: &View, store: &mut Store<T>) {
+    let beam = view.tables.lines() * view.tables.samples();
+    envelopes(view, &store.effects.speckle.scatter_axial, &mut store.amplitude[..beam]);
+}
+
+pub(super) fn lateral_of_looks<T: Real>(view: &View, store: &mut Store<T>) {
+    let columns = &mut store.effects.compound;
+    envelopes(view, &columns.axial, &mut columns.envelopes);
+}
+
+/// Envelopes of one look or several.
+fn envelopes<T: Real>(view: &View, input: &[T], output: &mut [T]) {
     let tables = view.tables;
     let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let fine_lines = speckle.fine_lines(lines);
-    let input = &store.effects.speckle.scatter_axial;
-    for_each(
-        (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
-        &|(line, output)| {
-            T::vectorised(Envelope {
-                input,
-                line_and_count: [line * speckle.oversampling, fine_lines],
-                kernel: &speckle.lateral,
-                edge: speckle
-                    .edge(line, lines)
-                    .map(|row| &speckle.edges.of()[row * samples..][..samples]),
-                output,
-            });
-        },
-    );
+    for_each((0.., chunks_mut(output, samples)), &|(row, output)| {
+        let (look, line) = (row / lines, row % lines);
+        T::vectorised(Envelope {
+            input: &input[look * 2 * fine_lines * samples..],
+            line_and_count: [line * speckle.oversampling, fine_lines],
+            kernel: &speckle.lateral,
+            edge: speckle
+                .edge(line, lines)
+                .map(|row| &speckle.edges.of()[row * samples..][..samples]),
+            output,
+        });
+    });
 }
 
 /// Modulus of the lateral convolution at one fine scanline. Where the kernel extends past the array, the remainder is

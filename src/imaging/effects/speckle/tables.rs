@@ -2,6 +2,7 @@
 
 use super::elevation::Elevation;
 use super::power::{correlations, lattice_correlation, power, restored, unit_power};
+use crate::effects::compound::{Steering, turned};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH};
 use crate::effects::point_spread::{PointSpread, Shape};
 use insonify_base::parallel;
@@ -37,6 +38,9 @@ pub struct SpeckleTables {
     /// Factors that compensate for the truncation of the lateral kernel at the outermost scanlines: from either side
     /// inwards, scanline by scanline, each a row over the sample depths.
     pub edges: Numbers,
+    /// Gains and turns of the steered looks of `compound`: per look a row over the samples, then per look and fine
+    /// scanline cosine and sine.
+    pub turns: Numbers,
 }
 
 /// Distance of lattice points over the shortest standard deviation of the point spread. Linear interpolation between
@@ -60,7 +64,7 @@ const COARSEST: f64 = 1.4;
 
 impl SpeckleTables {
     /// Computes lattice, kernels and scales for a probe.
-    pub fn new(spread: PointSpread, grid: &BeamGrid) -> Self {
+    pub(crate) fn new(spread: PointSpread, grid: &BeamGrid, steering: Option<&Steering>) -> Self {
         let shortest = spread.axial_mm.min(spread.lateral_mm).min(spread.elevational_mm) / FWHM_PER_SIGMA;
         let lattice_mm = LATTICE_PER_SIGMA * shortest;
         let correlation = |mm: f64| lattice_correlation(mm / lattice_mm);
@@ -158,6 +162,14 @@ impl SpeckleTables {
         });
         let edges = (0..edge_lines).flat_map(|line| edges_by_depth.iter().map(move |edges| edges[line]));
         let edges = Numbers::new(edges.collect());
+        let turns = steering.map(|steering| {
+            let power_of = |sample: usize, turn: f64| {
+                let across = across(sample, &rows[sample]).into_iter().enumerate();
+                let in_phase: Vec<f64> = across.map(|(apart, c)| c * (turn * apart as f64).cos()).collect();
+                power(&rows[sample], &in_phase)
+            };
+            turned(steering, [grid.samples(), fine_lines, oversampling], power_of)
+        });
         Self {
             spread,
             lattice_mm,
@@ -171,6 +183,7 @@ impl SpeckleTables {
             specular: Numbers::new(specular),
             lateral,
             edges,
+            turns: turns.unwrap_or_default(),
         }
     }
 
@@ -196,6 +209,11 @@ impl SpeckleTables {
     pub fn edge(&self, line: usize, lines: usize) -> Option<usize> {
         let from_side = line.min(lines - 1 - line);
         (from_side * self.oversampling < self.lateral.reach).then_some(from_side)
+    }
+
+    /// Offset of [`SpeckleTables::specular`] behind the axial weights and the factors of the ends.
+    pub(crate) fn specular_at(&self) -> usize {
+        self.axial.of::<f64>().len() + self.ends.of::<f64>().len()
     }
 
     pub(super) fn axial_reach(&self) -> usize {

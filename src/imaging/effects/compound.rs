@@ -1,0 +1,539 @@
+//! Compound: spatial compounding, frames of looks steered to either side and averaged after detection.
+//!
+//! The looks leave the array at angles evenly spaced from one outermost to the other; the middle one is the frame
+//! without compounding. Scatterers are the same in all of them, met by waves of another direction: in a look at an
+//! angle `a` their phase turns by `4 pi / lambda sin a` per mm along the array, before the point spread is applied. So
+//! the speckle of two looks correlates as the closed form says, `|sum w^2 exp(i dk x)|^2` over the lateral kernel `w`
+//! with the difference `dk` of the two turns (R. F. Wagner et al., IEEE Transactions on Ultrasonics, Ferroelectrics and
+//! Frequency Control 35 (1988) 34), and the mean over standard deviation of their average grows with it (G. E. Trahey
+//! et al., ibid. 33 (1986) 257). Losses are those of an aperture about the element from which the look comes: full
+//! shadows end as triangles, and beyond them the share of looks counts that pass. Where a look's element lies beyond the
+//! array, the others are averaged.
+//!
+//! This takes less than to render every look whole: places, tissues, surfaces and needles, the direction of speckle,
+//! refraction, mirror images and repeats are those of the middle look, and paths as long as its.
+//!
+//! ```toml
+//! effects.compound = { looks = 5 }
+//! ```
+
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) mod bound;
+#[cfg(test)]
+mod parity;
+#[cfg(test)]
+mod physics;
+
+use std::f64::consts::{PI, TAU};
+
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, SPECULAR, beam, bytes_of, columns};
+use super::lateral::BLOCK;
+use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
+use super::shadow::PENUMBRA_KERNEL;
+use super::shadow::aperture::Fan;
+use super::shadow::penumbra::opaque_units;
+use super::speckle::{AXIAL_KERNEL, SCATTER};
+use super::{
+    Effect, EffectTables, OutOfRange, Parameters, Stage,
+    Wanted::{self, No, Yes},
+};
+use crate::synth::SynthError;
+use crate::synth::store::Store;
+use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
+use insonify_base::parallel::{chunks, chunks_mut, for_each};
+use insonify_base::range::{check, parameters};
+use insonify_base::real::{Numbers, Real};
+use insonify_base::simd::Kernel;
+use insonify_tracking::probe::BeamGrid;
+
+parameters! {
+    /// Spatial compounding.
+    pub struct Compound {
+        /// Number of looks, odd.
+        looks: u32 = 3, in 3..=9;
+        /// Angle at which the outermost looks leave the array, degrees from its normal.
+        angle_deg: f64 = 8.0, in 1..=20;
+    }
+}
+
+impl Parameters for Compound {
+    const USUAL: bool = false;
+
+    fn check_others(&self) -> Result<(), OutOfRange> {
+        let holds = self.looks % 2 == 1;
+        check("looks", f64::from(self.looks), holds, "an odd number from 3 to 9")
+    }
+}
+
+/// Directions of the looks of a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Steering {
+    /// Number of looks on either side of the middle one.
+    pub on_side: usize,
+    /// Step from one look to the next along the array's fan: see [`Fan::ray`].
+    pub step: f64,
+    /// Phase that waves straight along the array turn between neighbouring scanlines there and back, radians.
+    along: f64,
+    is_curved: bool,
+}
+
+impl Steering {
+    /// Directions of the looks; `None` without compounding or if there is nothing to compound.
+    pub(crate) fn of(settings: &Settings, grid: &BeamGrid) -> Option<Self> {
+        let compound = settings
+            .effects
+            .compound
+            .as_ref()
+            .filter(|_| obstacle(settings, grid).is_none())?;
+        let on_side = compound.looks as usize / 2;
+        let angle = compound.angle_deg.to_radians();
+        let is_curved = grid.virtual_apex_mm().is_some();
+        let outermost = if is_curved { angle } else { angle.tan() };
+        Some(Self {
+            on_side,
+            step: outermost / on_side as f64,
+            along: 4.0 * PI / settings.probe.transducer().wavelength_mm * grid.lateral_spacing_mm(0.0),
+            is_curved,
+        })
+    }
+
+    /// Number of looks besides the middle one.
+    pub(crate) fn steered(&self) -> usize {
+        2 * self.on_side
+    }
+
+    /// Phase that the scatterers of a look turn, from one scanline to the next of `oversampling` to a scanline. Looks
+    /// whose turns would come round to those of others, on scanlines too far apart for them, are spread evenly.
+    pub(crate) fn turn(&self, number: i32, oversampling: usize) -> f64 {
+        let turn = |number: f64| {
+            let ray = number * self.step;
+            let sine = if self.is_curved { ray.sin() } else { ray.atan().sin() };
+            self.along * sine / oversampling as f64
+        };
+        let apart = turn(self.on_side as f64) / self.on_side as f64;
+        let even = TAU / (1 + self.steered()) as f64;
+        turn(f64::from(number)) * (even / apart).min(1.0)
+    }
+}
+
+/// Steps to the side of a look, given its index among those besides the middle one.
+pub(crate) fn steps(look: usize) -> i32 {
+    let away = (look / 2 + 1) as i32;
+    if look.is_multiple_of(2) { -away } else { away }
+}
+
+/// Why a scene that names compounding cannot have it.
+fn obstacle(settings: &Settings, grid: &BeamGrid) -> Option<&'static str> {
+    if settings.effects.speckle.is_none() {
+        Some("the scene names no speckle")
+    } else if grid.virtual_apex_mm() == Some(0.0) || grid.lines() == 1 {
+        Some("all scanlines begin at one place, from which no other look comes")
+    } else if grid.has_overlap() {
+        Some("the scanlines go full circle")
+    } else {
+        None
+    }
+}
+
+/// Registry entry.
+pub(crate) const EFFECT: Effect = Effect {
+    name: "compound",
+    stage: Stage::Beam,
+    example: "effects.compound = { looks = 5 }",
+    wanted,
+    passes: |tables| {
+        if tables.settings.effects.shadow.is_some() {
+            // `shadow` has its pass, as mirror images and repeats follow.
+            Vec::new()
+        } else {
+            vec![&UNSHADED]
+        }
+    },
+    buffers: &[&LOOK_TURNS, &LOOK_SHIFTS, &LOOKS, &LOOK_ENVELOPES, &LOOKS_THROUGH],
+    warnings: |tables| {
+        let compound = tables.settings.effects.compound.as_ref();
+        let obstacle = compound.and_then(|_| obstacle(&tables.settings, &tables.grid));
+        obstacle
+            .map(|obstacle| format!("effects.compound does nothing: {obstacle}"))
+            .into_iter()
+            .collect()
+    },
+    remove: Some(|_, settings| settings.effects.compound = None),
+    ..Effect::PLAIN
+};
+
+/// Tables of the looks; empty without compounding.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Number of looks besides the middle one.
+    pub steered: usize,
+    /// Per number of steps to the side, from one on: scanlines from the element of a look to the sample, a row over the
+    /// samples.
+    pub shifts: Vec<i32>,
+}
+
+/// Settings on which the looks depend.
+pub(crate) type Key<'a> = (Option<Steering>, &'a BeamGrid);
+
+/// Takes the directions and the grid.
+pub(crate) fn key<'a>(_: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
+    (Steering::of(settings, grid), grid)
+}
+
+/// Follows the middle of each look.
+pub(crate) fn derive(_: &Anatomy, (steering, grid): &Key) -> Result<Derived, SynthError> {
+    let Some(steering) = steering else {
+        return Ok(Derived::default());
+    };
+    let fan = Fan::of(grid);
+    let shift = |steps: usize, sample: usize| {
+        let ray = steps as f64 * steering.step;
+        fan.shift(ray, grid.sample_depth_mm(sample), grid).round() as i32
+    };
+    let shifts = (1..=steering.on_side).flat_map(|steps| (0..grid.samples()).map(move |sample| (steps, sample)));
+    Ok(Derived {
+        steered: steering.steered(),
+        shifts: shifts.map(|(steps, sample)| shift(steps, sample)).collect(),
+    })
+}
+
+impl Derived {
+    /// Whether the element of a look to a sample lies on the array, at the samples of a scanline.
+    fn shifts_of(&self, look: usize, samples: usize) -> (i32, &[i32]) {
+        let steps = steps(look);
+        let row = (steps.unsigned_abs() as usize - 1) * samples;
+        (steps.signum(), &self.shifts[row..][..samples])
+    }
+
+    /// Whether the element of a look to a sample lies on the array.
+    #[cfg(any(test, feature = "analysis"))]
+    pub(crate) fn is_present(&self, look: usize, [line, sample]: [usize; 2], [lines, samples]: [usize; 2]) -> bool {
+        let (side, shifts) = self.shifts_of(look, samples);
+        (0..lines as i32).contains(&(line as i32 - side * shifts[sample]))
+    }
+}
+
+/// Whether a pass among those of `speckle` and `shadow` is for the looks.
+pub(super) fn needs(pass: &Pass) -> Option<&'static str> {
+    pass.name.starts_with(EFFECT.name).then_some(EFFECT.name)
+}
+
+/// Number of looks besides the middle one.
+pub(crate) fn steered(tables: &Tables) -> usize {
+    tables.effects.compound.steered
+}
+
+fn fine_samples(tables: &Tables) -> usize {
+    steered(tables) * super::speckle::fine_samples(tables)
+}
+
+fn beams(tables: &Tables) -> usize {
+    steered(tables) * beam(tables)
+}
+
+/// Per look: its gains, a row over the samples; then per look and fine scanline cosine and sine of its turn (`f32`).
+static LOOK_TURNS: Buffer = Buffer::new(163, "LookTurns", 4, |tables| turns(&tables.effects).len())
+    .derived(|_, derived| bytes_of(turns(derived)));
+
+fn turns(derived: &EffectTables) -> &[f32] {
+    derived.speckle.as_ref().map_or(&[], |speckle| speckle.turns.of())
+}
+
+/// Data of [`Derived::shifts`] (`i32`).
+static LOOK_SHIFTS: Buffer = Buffer::new(264, "LookShifts", 4, |tables| tables.effects.compound.shifts.len())
+    .derived(|_, derived| bytes_of(&derived.compound.shifts));
+
+/// Per look, fine scanline and sample: complex echo (`vec2<f32>`).
+pub(super) static LOOKS: Buffer = Buffer::new(161, "Looks", 8, fine_samples);
+
+/// The same after the axial point spread (`vec2<f32>`).
+pub(super) static LOOKS_AXIAL: Buffer = Buffer::new(171, "LooksAxial", 8, fine_samples);
+
+/// Per look, scanline and sample: envelope (`f32`).
+pub(super) static LOOK_ENVELOPES: Buffer = Buffer::new(191, "LookEnvelopes", 4, beams);
+
+/// Per look, scanline and sample: one-way transmittance of the aperture (`f32`).
+pub(super) static LOOKS_THROUGH: Buffer = Buffer::new(262, "LooksThrough", 4, beams);
+
+columns! {
+    /// Vectors of the looks.
+    pub struct Columns<T> {
+        /// Data of `LOOKS`: for each look and fine scanline its real parts, then its imaginary parts.
+        looks: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS;
+        /// Data of `LOOKS_AXIAL`, likewise.
+        axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS_AXIAL;
+        /// Data of `LOOK_ENVELOPES`.
+        envelopes: [T; beams] = T::zero(), LOOK_ENVELOPES;
+        /// Data of `LOOKS_THROUGH`.
+        through: [T; beams] = T::zero(), LOOKS_THROUGH;
+    }
+}
+
+const SHADER: &str = include_str!("../../../shaders/compound.wgsl");
+
+/// Turns the scatterers of the steered looks.
+pub(super) const TURN: Pass = turn_pass(
+    "turn",
+    const { &[(&SCATTER, Read), (&LOOK_TURNS, Read), (&LOOKS, WriteOwn)] },
+);
+
+/// The same with the echoes of surfaces and needles.
+pub(super) const TURN_SPECULAR: Pass = turn_pass(
+    "turn_specular",
+    const {
+        &[
+            (&SCATTER, Read),
+            (&LOOK_TURNS, Read),
+            (&LOOKS, WriteOwn),
+            (&SPECULAR, Read),
+            (&AXIAL_KERNEL, Read),
+        ]
+    },
+);
+
+const fn turn_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+    Pass {
+        name: "compound_turn",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        grid: Grid::FineSamples(|tables| steered(tables) * super::speckle::fine_lines(tables)),
+        flips: false,
+        cpu: reference!(turn),
+        bound: bound!(Covered("by the bound of `compound_lateral`")),
+    }
+}
+
+/// Averages the looks, shaded.
+pub(super) const SHADED: Pass = mean_pass(
+    "shaded",
+    const {
+        &[
+            (&LOOK_ENVELOPES, Read),
+            (&LOOK_SHIFTS, Read),
+            (&AMPLITUDE, WriteOwn),
+            (&LOOKS_THROUGH, Read),
+            (&PENUMBRA_KERNEL, Read),
+            (&LABEL, ReadOwn),
+            (&LABEL_ROWS, Read),
+        ]
+    },
+);
+
+const UNSHADED: Pass = mean_pass(
+    "unshaded",
+    const { &[(&LOOK_ENVELOPES, Read), (&LOOK_SHIFTS, Read), (&AMPLITUDE, WriteOwn)] },
+);
+
+const fn mean_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+    Pass {
+        name: "compound",
+        shader: SHADER,
+        entry,
+        bindings,
+        params,
+        grid: Grid::Samples,
+        flips: false,
+        cpu: reference!(mean),
+        bound: bound!(By(bound::carry)),
+    }
+}
+
+fn wanted(tables: &Tables) -> Wanted {
+    let Some(compound) = &tables.settings.effects.compound else {
+        return No("the scene names no compounding".into());
+    };
+    match obstacle(&tables.settings, &tables.grid) {
+        Some(obstacle) => No(obstacle.into()),
+        None => Yes(format!(
+            "{} looks up to {} degrees to either side are averaged",
+            compound.looks, compound.angle_deg
+        )),
+    }
+}
+
+block! {
+    /// Parameter block of `compound.wgsl`.
+    struct CompoundParams {
+        /// Scanlines.
+        lines: u32,
+        /// Samples along a scanline.
+        samples: u32,
+        /// Looks besides the middle one.
+        steered: u32,
+        /// Number of fine scanlines per scanline.
+        oversampling: u32,
+        /// Offset of the factors of surfaces in the axial kernel.
+        specular_at: u32,
+        /// Reach of the beam on each side, scanlines.
+        reach: u32,
+        /// Loss per sample above which a tissue is opaque, units.
+        opaque_units: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: u32,
+    }
+}
+
+fn params(view: &View, _: Band) -> ParamBlock {
+    let tables = view.tables;
+    let speckle = tables.effects.speckle.as_ref();
+    let penumbra = tables.effects.shadow.penumbra.as_ref();
+    ParamBlock::of(&CompoundParams {
+        lines: tables.lines() as u32,
+        samples: tables.samples() as u32,
+        steered: steered(tables) as u32,
+        oversampling: speckle.map_or(1, |speckle| speckle.oversampling as u32),
+        specular_at: speckle.map_or(0, |speckle| speckle.specular_at() as u32),
+        reach: penumbra.map_or(0, |kernel| kernel.reach as u32),
+        opaque_units: opaque_units(tables.sample_mm()),
+        unused: 0,
+    })
+}
+
+fn turn<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let Some(speckle) = &tables.effects.speckle else { return };
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let fine_lines = speckle.fine_lines(lines);
+    let looks = steered(tables);
+    let (gains, turns) = speckle.turns.of::<T>().split_at(looks * samples);
+    let factors = speckle.specular.of::<T>();
+    let specular = super::speckle::has_specular(tables).then_some(&store.specular);
+    let scatter = &store.effects.speckle.scatter;
+    for_each(
+        (0.., chunks_mut(&mut store.effects.compound.looks, 2 * samples)),
+        &|(row, echoes)| {
+            let (look, fine) = (row / fine_lines, row % fine_lines);
+            let [cosine, sine] = [turns[2 * row], turns[2 * row + 1]];
+            let (re, im) = scatter[2 * fine * samples..][..2 * samples].split_at(samples);
+            let (turned_re, turned_im) = echoes.split_at_mut(samples);
+            let gains = &gains[look * samples..][..samples];
+            let out = turned_re.iter_mut().zip(turned_im.iter_mut()).zip(gains);
+            for (((turned_re, turned_im), gain), (re, im)) in out.zip(re.iter().zip(im)) {
+                *turned_re = *gain * (cosine * *re - sine * *im);
+                *turned_im = *gain * (sine * *re + cosine * *im);
+            }
+            let Some(specular) = specular else { return };
+            let line = fine / speckle.oversampling;
+            let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
+            let scanline = |line: usize| &specular[line * samples..][..samples];
+            let between = scanline(line).iter().zip(scanline((line + 1).min(lines - 1)));
+            let out = turned_re.iter_mut().zip(turned_im.iter_mut()).zip(factors);
+            for (((re, im), factor), (a, b)) in out.zip(between) {
+                *re += *factor * (a[0] + part * (b[0] - a[0]));
+                *im += *factor * (a[1] + part * (b[1] - a[1]));
+            }
+        },
+    );
+}
+
+fn mean<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let opaque = opaque_units(tables.sample_mm());
+    let is_opaque: [bool; 256] =
+        std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
+    let columns = &store.effects.compound;
+    for_each(
+        (
+            0..,
+            chunks_mut(&mut store.amplitude[..lines * samples], samples),
+            chunks(&store.label, samples),
+        ),
+        &|(line, amplitudes, labels)| {
+            T::vectorised(Scanline {
+                tables,
+                columns,
+                line,
+                is_opaque: &is_opaque,
+                labels,
+                amplitudes,
+            });
+        },
+    );
+}
+
+/// Looks at a scanline, averaged.
+struct Scanline<'a, T> {
+    tables: &'a Tables,
+    columns: &'a Columns<T>,
+    line: usize,
+    is_opaque: &'a [bool; 256],
+    labels: &'a [u8],
+    /// Of the middle look.
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        let (lines, samples) = (self.tables.lines(), self.tables.samples());
+        let derived = &self.tables.effects.compound;
+        let penumbra = self.tables.effects.shadow.penumbra.as_ref();
+        for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
+            let start = block * BLOCK;
+            let mut sum = [T::zero(); BLOCK];
+            let mut count = [T::one(); BLOCK];
+            sum[..amplitudes.len()].copy_from_slice(amplitudes);
+            for look in 0..derived.steered {
+                let (side, shifts) = derived.shifts_of(look, samples);
+                let place = look * lines * samples;
+                let envelopes = &self.columns.envelopes[place + self.line * samples + start..][..amplitudes.len()];
+                let mut left = [T::one(); BLOCK];
+                if let Some(kernel) = penumbra {
+                    let through = &self.columns.through[place..][..lines * samples];
+                    let left = &mut left[..amplitudes.len()];
+                    kernel.mean(through, [self.line, lines], start, left);
+                    let on_line = &through[self.line * samples + start..];
+                    let labels = &self.labels[start..];
+                    for (left, (through, label)) in left.iter_mut().zip(on_line.iter().zip(labels)) {
+                        if self.is_opaque[usize::from(*label)] {
+                            *left = left.min(*through);
+                        }
+                    }
+                }
+                for (i, (envelope, shift)) in envelopes.iter().zip(&shifts[start..]).enumerate() {
+                    let element = self.line as i32 - side * shift;
+                    let is_present = (element >= 0) & (element < lines as i32);
+                    sum[i] += if is_present {
+                        *envelope * left[i] * left[i]
+                    } else {
+                        T::zero()
+                    };
+                    count[i] += if is_present { T::one() } else { T::zero() };
+                }
+            }
+            for (amplitude, (sum, count)) in amplitudes.iter_mut().zip(sum.iter().zip(&count)) {
+                *amplitude = *sum / *count;
+            }
+        }
+    }
+}
+
+/// Gains and turns of the looks, from the mean power of a look at a sample relative to the middle one.
+pub(super) fn turned(
+    steering: &Steering,
+    [samples, fine_lines, oversampling]: [usize; 3],
+    power: impl Fn(usize, f64) -> f64,
+) -> Numbers {
+    let turn = |look: usize| steering.turn(steps(look), oversampling);
+    let looks = || 0..steering.steered();
+    let gains = looks().flat_map(|look| {
+        let power = &power;
+        (0..samples).map(move |sample| power(sample, turn(look)).max(LEAST_POWER).powf(-0.5))
+    });
+    let turns = looks().flat_map(|look| {
+        (0..fine_lines).flat_map(move |fine| {
+            let (sine, cosine) = (turn(look) * fine as f64).sin_cos();
+            [cosine, sine]
+        })
+    });
+    Numbers::new(gains.chain(turns).collect())
+}
+
+/// Least power of a look that is made up for: less is left of the scatterers, on a lattice too coarse for its waves.
+const LEAST_POWER: f64 = 0.01;

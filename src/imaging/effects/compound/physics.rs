@@ -1,0 +1,1 @@
+//! Compounding against closed forms.
