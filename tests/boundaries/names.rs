@@ -225,8 +225,8 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/effects/speckle.rs",
-        &["interface", "needle"],
-        "adds their echoes before the point spread",
+        &["interface", "needle", "compound"],
+        "adds their echoes before the point spread, which the looks pass too",
     ),
     (
         "imaging/effects/interface.rs",
@@ -245,10 +245,29 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/effects/shadow.rs",
-        &["needle", "speckle"],
-        "the needle shades; edges are as soft as the point spread",
+        &["needle", "speckle", "compound"],
+        "the needle shades; edges are as soft as the point spread; looks are shaded before mirror images",
     ),
-    ("imaging/effects/shadow/aperture.rs", &["needle"], "the needle shades"),
+    (
+        "imaging/effects/shadow/aperture.rs",
+        &["needle", "compound"],
+        "the needle shades; looks have apertures of their own",
+    ),
+    (
+        "imaging/effects/compound.rs",
+        &["speckle", "shadow"],
+        "turns the scatterers, and averages what the shadow leaves",
+    ),
+    (
+        "imaging/effects/speckle/tables.rs",
+        &["compound"],
+        "makes up for what the lattice takes from turned scatterers",
+    ),
+    (
+        "imaging/effects/speckle/spread.rs",
+        &["compound"],
+        "spreads the looks, too",
+    ),
     (
         "imaging/effects/table.rs",
         &["slice"],

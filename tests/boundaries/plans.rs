@@ -268,6 +268,29 @@ pub(super) fn scenes() -> Vec<Scene> {
             &[],
         ),
         scene(
+            "looks of speckle",
+            box_of(lossy()),
+            |s| {
+                s.effects.speckle = Some(Default::default());
+                s.effects.compound = Some(Default::default());
+            },
+            &[
+                "speckle_scatter",
+                "compound_turn",
+                "compound_axial",
+                "compound_lateral",
+                "speckle_axial",
+                "speckle_lateral",
+                "compound",
+            ],
+        ),
+        scene(
+            "looks without speckle",
+            box_of(lossy()),
+            |s| s.effects.compound = Some(Default::default()),
+            &[],
+        ),
+        scene(
             "speckle reduction",
             box_of(lossy()),
             |s| s.effects.speckle_reduction = Some(Default::default()),

@@ -21,6 +21,7 @@ fn plans_list_passes_with_reasons() {
         "speckle",
         "needle",
         "shadow",
+        "compound",
         "blur",
         "receiver",
         "speckle_reduction",

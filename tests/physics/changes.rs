@@ -341,6 +341,17 @@ fn a_change_touches_only_what_depends_on_it() {
             &["BlurKernel"],
         ),
         (
+            "angle of the looks",
+            |settings| settings.effects.compound.as_mut().expect("looks").angle_deg = 4.0,
+            &[
+                "ApertureShifts",
+                "ApertureWeights",
+                "LookShifts",
+                "LookTurns",
+                "PenumbraKernel",
+            ],
+        ),
+        (
             "window of speckle reduction",
             |settings| {
                 let reduction = settings.effects.speckle_reduction.as_mut();

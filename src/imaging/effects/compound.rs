@@ -150,7 +150,7 @@ pub(crate) const EFFECT: Effect = Effect {
             vec![&UNSHADED]
         }
     },
-    buffers: &[&LOOK_TURNS, &LOOK_SHIFTS, &LOOKS, &LOOK_ENVELOPES, &LOOKS_THROUGH],
+    buffers: &[&LOOK_SHIFTS, &LOOKS, &LOOKS_AXIAL, &LOOK_ENVELOPES, &LOOKS_THROUGH],
     warnings: |tables| {
         let compound = tables.settings.effects.compound.as_ref();
         let obstacle = compound.and_then(|_| obstacle(&tables.settings, &tables.grid));
@@ -233,7 +233,7 @@ fn beams(tables: &Tables) -> usize {
 }
 
 /// Per look: its gains, a row over the samples; then per look and fine scanline cosine and sine of its turn (`f32`).
-static LOOK_TURNS: Buffer = Buffer::new(163, "LookTurns", 4, |tables| turns(&tables.effects).len())
+pub(super) static LOOK_TURNS: Buffer = Buffer::new(163, "LookTurns", 4, |tables| turns(&tables.effects).len())
     .derived(|_, derived| bytes_of(turns(derived)));
 
 fn turns(derived: &EffectTables) -> &[f32] {
