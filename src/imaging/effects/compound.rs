@@ -29,9 +29,9 @@ use std::f64::consts::{PI, TAU};
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, SPECULAR, beam, bytes_of, columns};
 use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
-use super::shadow::PENUMBRA_KERNEL;
 use super::shadow::aperture::Fan;
 use super::shadow::penumbra::opaque_units;
+use super::shadow::{self, PENUMBRA_KERNEL};
 use super::speckle::{AXIAL_KERNEL, SCATTER};
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,
@@ -143,7 +143,7 @@ pub(crate) const EFFECT: Effect = Effect {
     example: "effects.compound = { looks = 5 }",
     wanted,
     passes: |tables| {
-        if tables.settings.effects.shadow.is_some() {
+        if shadow::runs(tables) {
             // `shadow` has its pass, as mirror images and repeats follow.
             Vec::new()
         } else {
@@ -474,6 +474,7 @@ impl<T: Real> Kernel for Scanline<'_, T> {
         let (lines, samples) = (self.tables.lines(), self.tables.samples());
         let derived = &self.tables.effects.compound;
         let penumbra = self.tables.effects.shadow.penumbra.as_ref();
+        let penumbra = penumbra.filter(|_| !self.columns.through.is_empty());
         for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
             let mut sum = [T::zero(); BLOCK];

@@ -183,6 +183,11 @@ pub(crate) const EFFECT: Effect = Effect {
     ..Effect::PLAIN
 };
 
+/// Whether anything in the scene casts a shadow.
+pub(super) fn runs(tables: &Tables) -> bool {
+    matches!(wanted(tables), Yes(_))
+}
+
 /// Tables of the shadow; empty without one.
 #[derive(Clone, Debug, Default)]
 pub struct Derived {

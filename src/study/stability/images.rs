@@ -56,6 +56,14 @@ pub(crate) const GROUP: Group = Group {
             run: passes::any_aperture,
         },
         HardCase {
+            name: "looks at their ends",
+            criterion: "looks from beyond a narrow array, within a degree, on scanlines farther apart than they turn, on a sharp curve: as \
+                        bright as one look to 0.5 dB, every backend within rounding of double precision after every pass",
+            covers: ALL,
+            seed: 111,
+            run: passes::any_looks,
+        },
+        HardCase {
             name: "blur of any width",
             criterion: "width 0 is the identity; one sample wide the impulse response is the kernel; wider than the sector the energy is kept",
             covers: ALL,

@@ -50,7 +50,7 @@ fn settings(shape: ProbeShape, looks: u32, angle_deg: f64) -> Settings {
 fn looks(settings: &Settings, count: u64) -> Vec<Vec<f64>> {
     let mut looks = Vec::new();
     for number in 0..count {
-        let aside = FrameState::at(Matrix4::new_translation(&[0.0, 0.0, 40.0 * number as f64].into()));
+        let aside = FrameState::at(Matrix4::new_translation(&[0.0, 0.0, 30.0 * number as f64].into()));
         let synthesizer = synthesizer(&anatomy::uniform(PLAIN), settings, Backend::CpuF64);
         let (plan, tables) = (synthesizer.plan(), synthesizer.tables());
         let last = plan
@@ -86,25 +86,40 @@ fn of_envelopes(modulus: f64) -> f64 {
     sum * FRAC_PI_4 / (1.0 - FRAC_PI_4)
 }
 
-/// Modulus of the correlation of two looks at angles (degrees): of a Gaussian kernel `w` of standard deviation `s` the
-/// transform of `w^2`, `exp(-(dk s)^2 / 4)`; the length of speckle is 2.355 `s`.
-fn modulus([a, b]: [f64; 2], lateral_mm: f64) -> f64 {
+/// Distances (mm) and squares of the lateral kernel.
+fn squares(settings: &Settings) -> Vec<[f64; 2]> {
+    let synthesizer = synthesizer(&anatomy::uniform(PLAIN), settings, Backend::CpuF64);
+    let speckle = synthesizer.tables().effects.speckle.as_ref().expect("speckle");
+    let fine_mm = WIDTH_MM / (LINES as f64 - 1.0) / speckle.oversampling as f64;
+    let taps = speckle.lateral.at(SAMPLES / 2).enumerate();
+    taps.map(|(tap, weight)| [(tap as f64 - speckle.lateral.reach as f64) * fine_mm, weight * weight])
+        .collect()
+}
+
+/// Modulus of the correlation of two looks at angles (degrees): the transform of the square of the lateral kernel `w`,
+/// `|sum w^2 exp(i dk x)| / sum w^2`.
+fn modulus(angles_deg: [f64; 2], squares: &[[f64; 2]]) -> f64 {
     let wavelength_mm = 1.54 / 5.0;
-    let turn = 4.0 * PI / wavelength_mm * (a.to_radians().sin() - b.to_radians().sin());
-    (-(turn * lateral_mm / 2.355).powi(2) / 4.0).exp()
+    let [a, b] = angles_deg.map(|angle_deg| 4.0 * PI / wavelength_mm * angle_deg.to_radians().sin());
+    let turned: f64 = squares
+        .iter()
+        .map(|[away_mm, square]| square * ((a - b) * away_mm).cos())
+        .sum();
+    (turned / squares.iter().map(|[_, square]| square).sum::<f64>()).abs()
 }
 
 #[test]
 fn looks_correlate_as_the_closed_form_says() {
     for angle_deg in [1.0, 1.5, 2.0, 3.0, 8.0] {
-        let looks = looks(&settings(LINEAR, 3, angle_deg), 6);
+        let settings = settings(LINEAR, 3, angle_deg);
+        let looks = looks(&settings, 6);
         for ([first, second], angles) in [
             ([0, 1], [0.0, angle_deg]),
             ([0, 2], [0.0, angle_deg]),
             ([1, 2], [-angle_deg, angle_deg]),
         ] {
             let measured = correlation(&looks[first], &looks[second]);
-            let expected = of_envelopes(modulus(angles, LATERAL_MM));
+            let expected = of_envelopes(modulus(angles, &squares(&settings)));
             println!("{angle_deg} degrees, looks {first} and {second}: {measured:.3}, {expected:.3}");
             assert!(
                 (measured - expected).abs() < 0.05,
@@ -145,8 +160,9 @@ fn the_mean_of_looks_gains_as_their_correlations_say() {
         let gain = mean(&sums) / std(&sums) / (mean(&looks[0]) / std(&looks[0]));
         let count = count as usize;
         let angle = |look: usize| angle_deg * (2.0 * look as f64 / (count - 1) as f64 - 1.0);
-        let pairs = (0..count * count)
-            .map(|pair| of_envelopes(modulus([angle(pair / count), angle(pair % count)], LATERAL_MM)));
+        let squares = squares(&settings);
+        let pairs =
+            (0..count * count).map(|pair| of_envelopes(modulus([angle(pair / count), angle(pair % count)], &squares)));
         let expected = count as f64 / pairs.sum::<f64>().sqrt();
         println!("{count} looks to {angle_deg} degrees: {gain:.3} times, {expected:.3}");
         assert!((gain / expected - 1.0).abs() < 0.05, "{gain}, not {expected}");
@@ -180,10 +196,11 @@ fn left_on_axis(shape: ProbeShape, angle_deg: f64, backend: Backend) -> Vec<f64>
         reverberation: 0.0,
         ..Shadow::default()
     });
+    // Without the absorber nothing is lost, and there is no shadow.
     let amplitudes = [ABSORBER_MM, 0.0].map(|width_mm| {
         let mut synthesizer = synthesizer(&absorber(width_mm), &settings, backend.clone());
         let mut sums = vec![0.0; SAMPLES];
-        for number in 0..4 {
+        for number in 0..24 {
             let seed = 7 * number;
             synthesizer
                 .set(Settings {
@@ -237,7 +254,7 @@ fn sides_that_fewer_looks_meet_are_as_bright() {
         settings.effects.shadow = Some(Shadow::default());
         let mut sums = vec![0.0; LINES];
         for number in 0..6 {
-            let aside = FrameState::at(Matrix4::new_translation(&[0.0, 0.0, 40.0 * f64::from(number)].into()));
+            let aside = FrameState::at(Matrix4::new_translation(&[0.0, 0.0, 30.0 * f64::from(number)].into()));
             let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, Backend::CpuF64);
             let beam = synthesizer.render_until("compound", &aside).expect("a beam");
             for (sum, line) in sums.iter_mut().zip(beam.amplitude.chunks(SAMPLES)) {

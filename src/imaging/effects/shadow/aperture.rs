@@ -454,7 +454,10 @@ mod tests {
         let mut probe = Probe::new(shape, 60.0).expect("a probe");
         (probe.lines, probe.samples) = (101, 300);
         let grid = BeamGrid::new(&probe).expect("a grid");
-        (Aperture::new(&Shadow::default(), &probe.transducer(), &grid, None), grid)
+        (
+            Aperture::new(&Shadow::default(), &probe.transducer(), &grid, None),
+            grid,
+        )
     }
 
     #[test]

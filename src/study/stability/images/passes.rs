@@ -6,6 +6,7 @@ use insonify_gpu::Gpu;
 use insonify_imaging::anatomies::{self, Acoustics, Frame, PLAIN, SILENT};
 use insonify_imaging::effects::Effects;
 use insonify_imaging::effects::blur::Blur;
+use insonify_imaging::effects::compound::Compound;
 use insonify_imaging::effects::lateral::{FWHM_PER_SIGMA, MAX_REACH};
 use insonify_imaging::effects::shadow::downshift::Downshift;
 use insonify_imaging::effects::shadow::{MAX_PER_SAMPLE_DB, Shadow, UNITS_PER_DB};
@@ -16,7 +17,7 @@ use insonify_imaging::parity::{Case, check};
 use insonify_imaging::synth::layers::Beam;
 use insonify_imaging::synth::tables::Anatomy;
 use insonify_imaging::synth::{SynthError, Synthesizer};
-use insonify_tracking::probe::{Aperture, Linear, Phased, ProbeShape, TrusTransverse};
+use insonify_tracking::probe::{Aperture, Curvilinear, Linear, Phased, ProbeShape, TrusTransverse};
 
 const LONG_SAMPLES: u32 = 8192;
 const DEPTH_MM: f64 = 160.0;
@@ -219,6 +220,53 @@ pub(crate) fn any_aperture(record: &mut Record<'_>) -> Result<(), Unexpected> {
             );
         }
         record.done((index + 1) as f64 / count);
+    }
+    Ok(())
+}
+
+/// Averages looks at the ends of what a scene may state, and beyond what array and scanlines hold.
+pub(crate) fn any_looks(record: &mut Record<'_>) -> Result<(), Unexpected> {
+    let gpus = gpus(record);
+    let linear = |width_mm: f64| ProbeShape::Linear(Linear { width_mm });
+    let curved = ProbeShape::Curvilinear(Curvilinear {
+        radius_mm: 10.0,
+        angle_deg: 120.0,
+    });
+    let ends = [
+        ("20 degrees beyond a narrow array", linear(10.0), [32, 256], 3, 20.0),
+        ("9 looks within a degree", linear(WIDTH_MM), [64, 256], 9, 1.0),
+        ("9 looks on scanlines far apart", linear(WIDTH_MM), [9, 64], 9, 20.0),
+        ("an array curved sharply", curved, [64, 256], 5, 20.0),
+    ];
+    for (index, (what, shape, grid, looks, angle_deg)) in ends.into_iter().enumerate() {
+        let effects = Effects {
+            shadow: Some(Shadow::default()),
+            speckle: Some(Speckle::default()),
+            compound: Some(Compound { looks, angle_deg }),
+            ..Effects::default()
+        };
+        let settings = settings(shape, 120.0, grid, effects);
+        for mut synth in everywhere(&anatomies::uniform(PLAIN), &settings, &gpus)? {
+            let backend = name(&synth);
+            let mut mean = |pass| -> Result<f64, Unexpected> {
+                let amplitudes = synth.render_until(pass, &straight())?.amplitude;
+                Ok(amplitudes.iter().sum::<f64>() / amplitudes.len() as f64)
+            };
+            let change = mean("compound")? / mean("speckle_lateral")?;
+            record.under(
+                format!("{what}, {backend}: mean of the looks, dB from that of one"),
+                (20.0 * change.log10()).abs(),
+                0.5,
+            );
+        }
+        let case = Case::new(what, anatomies::uniform(PLAIN), settings, straight());
+        for comparison in check(&case, &gpus)? {
+            record.zero(
+                format!("{what}, {}: deviations beyond rounding", comparison.backend),
+                comparison.faults.len() as f64,
+            );
+        }
+        record.done((index + 1) as f64 / ends.len() as f64);
     }
     Ok(())
 }
