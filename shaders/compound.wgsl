@@ -9,7 +9,7 @@ struct Params {
     specular_at: u32,
     reach: u32,
     opaque_units: u32,
-    unused: u32,
+    to_next: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -67,7 +67,7 @@ fn turn_specular(@builtin(global_invocation_id) id: vec3<u32>) {
 
 // Whether the element of a look to a sample lies on the array.
 fn is_present(look: u32, line: u32, sample: u32) -> bool {
-    let shift = shifts[look / 2u * params.samples + sample];
+    let shift = shifts[(look / 2u + 1u) * params.to_next * params.samples + sample];
     let element = i32(line) - select(-shift, shift, (look & 1u) == 1u);
     return element >= 0 && element < i32(params.lines);
 }

@@ -76,7 +76,7 @@ fn domain(grid: Grid) -> Domain {
         Grid::Samples | Grid::Scanlines => Domain::Beam,
         Grid::FineSamples(_) => Domain::Fine,
         Grid::Pixels | Grid::Words => Domain::Image,
-        Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,
+        Grid::Looks(_) | Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,
     }
 }
 

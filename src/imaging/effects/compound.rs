@@ -31,7 +31,7 @@ use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::shadow::aperture::Fan;
 use super::shadow::penumbra::opaque_units;
-use super::shadow::{self, PENUMBRA_KERNEL};
+use super::shadow::{self, APERTURE_SHIFTS, PENUMBRA_KERNEL};
 use super::speckle::{AXIAL_KERNEL, SCATTER};
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,
@@ -150,7 +150,7 @@ pub(crate) const EFFECT: Effect = Effect {
             vec![&UNSHADED]
         }
     },
-    buffers: &[&LOOK_SHIFTS, &LOOKS, &LOOKS_AXIAL, &LOOK_ENVELOPES, &LOOKS_THROUGH],
+    buffers: &[&LOOK_SHIFTS],
     warnings: |tables| {
         let compound = tables.settings.effects.compound.as_ref();
         let obstacle = compound.and_then(|_| obstacle(&tables.settings, &tables.grid));
@@ -168,7 +168,7 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Number of looks besides the middle one.
     pub steered: usize,
-    /// Per number of steps to the side, from one on: scanlines from the element of a look to the sample, a row over the
+    /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
     /// samples.
     pub shifts: Vec<i32>,
 }
@@ -191,27 +191,36 @@ pub(crate) fn derive(_: &Anatomy, (steering, grid): &Key) -> Result<Derived, Syn
         let ray = steps as f64 * steering.step;
         fan.shift(ray, grid.sample_depth_mm(sample), grid).round() as i32
     };
-    let shifts = (1..=steering.on_side).flat_map(|steps| (0..grid.samples()).map(move |sample| (steps, sample)));
+    let shifts = (0..=steering.on_side).flat_map(|steps| (0..grid.samples()).map(move |sample| (steps, sample)));
     Ok(Derived {
         steered: steering.steered(),
         shifts: shifts.map(|(steps, sample)| shift(steps, sample)).collect(),
     })
 }
 
-impl Derived {
-    /// Whether the element of a look to a sample lies on the array, at the samples of a scanline.
-    fn shifts_of(&self, look: usize, samples: usize) -> (i32, &[i32]) {
-        let steps = steps(look);
-        let row = (steps.unsigned_abs() as usize - 1) * samples;
-        (steps.signum(), &self.shifts[row..][..samples])
-    }
+/// Whether the looks are shaded.
+pub(super) fn are_shaded(tables: &Tables) -> bool {
+    steered(tables) > 0 && shadow::runs(tables)
+}
 
-    /// Whether the element of a look to a sample lies on the array.
-    #[cfg(any(test, feature = "analysis"))]
-    pub(crate) fn is_present(&self, look: usize, [line, sample]: [usize; 2], [lines, samples]: [usize; 2]) -> bool {
-        let (side, shifts) = self.shifts_of(look, samples);
-        (0..lines as i32).contains(&(line as i32 - side * shifts[sample]))
-    }
+/// Side of a look, and scanlines from its element to the samples.
+fn shifts(tables: &Tables, look: usize) -> (i32, &[i32]) {
+    let effects = &tables.effects;
+    let (rows, to_next) = if are_shaded(tables) {
+        (&effects.shadow.aperture.shifts, effects.shadow.aperture.to_next)
+    } else {
+        (&effects.compound.shifts, 1)
+    };
+    let (steps, samples) = (steps(look), tables.samples());
+    let row = steps.unsigned_abs() as usize * to_next;
+    (steps.signum(), &rows[row * samples..][..samples])
+}
+
+/// Whether the element of a look to a sample lies on the array.
+#[cfg(any(test, feature = "analysis"))]
+pub(crate) fn is_present(tables: &Tables, look: usize, [line, sample]: [usize; 2]) -> bool {
+    let (side, shifts) = shifts(tables, look);
+    (0..tables.lines() as i32).contains(&(line as i32 - side * shifts[sample]))
 }
 
 /// Whether a pass among those of `speckle` and `shadow` is for the looks.
@@ -299,7 +308,7 @@ const fn turn_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Us
         entry,
         bindings,
         params,
-        grid: Grid::FineSamples(|tables| steered(tables) * super::speckle::fine_lines(tables)),
+        grid: Grid::Looks(|tables| steered(tables) * super::speckle::fine_lines(tables)),
         flips: false,
         cpu: reference!(turn),
         bound: bound!(Covered("by the bound of `compound_lateral`")),
@@ -312,7 +321,7 @@ pub(super) const SHADED: Pass = mean_pass(
     const {
         &[
             (&LOOK_ENVELOPES, Read),
-            (&LOOK_SHIFTS, Read),
+            (&APERTURE_SHIFTS, Read),
             (&AMPLITUDE, WriteOwn),
             (&LOOKS_THROUGH, Read),
             (&PENUMBRA_KERNEL, Read),
@@ -371,24 +380,24 @@ block! {
         reach: u32,
         /// Loss per sample above which a tissue is opaque, units.
         opaque_units: u32,
-        /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        /// Rows of the shifts from a look to the next.
+        to_next: u32,
     }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let speckle = tables.effects.speckle.as_ref();
-    let penumbra = tables.effects.shadow.penumbra.as_ref();
+    let shadow::Derived { penumbra, aperture, .. } = &tables.effects.shadow;
     ParamBlock::of(&CompoundParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
         steered: steered(tables) as u32,
         oversampling: speckle.map_or(1, |speckle| speckle.oversampling as u32),
         specular_at: speckle.map_or(0, |speckle| speckle.specular_at() as u32),
-        reach: penumbra.map_or(0, |kernel| kernel.reach as u32),
+        reach: penumbra.as_ref().map_or(0, |kernel| kernel.reach as u32),
         opaque_units: opaque_units(tables.sample_mm()),
-        unused: 0,
+        to_next: if are_shaded(tables) { aperture.to_next as u32 } else { 1 },
     })
 }
 
@@ -472,16 +481,15 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     #[inline(always)]
     fn run(self) {
         let (lines, samples) = (self.tables.lines(), self.tables.samples());
-        let derived = &self.tables.effects.compound;
         let penumbra = self.tables.effects.shadow.penumbra.as_ref();
-        let penumbra = penumbra.filter(|_| !self.columns.through.is_empty());
+        let penumbra = penumbra.filter(|_| are_shaded(self.tables));
         for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
             let mut sum = [T::zero(); BLOCK];
             let mut count = [T::one(); BLOCK];
             sum[..amplitudes.len()].copy_from_slice(amplitudes);
-            for look in 0..derived.steered {
-                let (side, shifts) = derived.shifts_of(look, samples);
+            for look in 0..steered(self.tables) {
+                let (side, shifts) = shifts(self.tables, look);
                 let place = look * lines * samples;
                 let envelopes = &self.columns.envelopes[place + self.line * samples + start..][..amplitudes.len()];
                 let mut left = [T::one(); BLOCK];

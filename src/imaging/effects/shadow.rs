@@ -141,7 +141,7 @@ pub(crate) const EFFECT: Effect = Effect {
             [&TISSUE, &RAYS]
         };
         let (mirrors, repeats) = (mirror::mirrors(tables), reverberation::repeats(tables));
-        let looks = compound::steered(tables) > 0;
+        let looks = compound::are_shaded(tables);
         let passes = [
             (true, loss),
             (opens(tables), rays),
@@ -266,7 +266,7 @@ fn weights(derived: &EffectTables) -> &[f32] {
 }
 
 /// Data of [`Aperture::shifts`] (`i32`).
-static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| {
+pub(super) static APERTURE_SHIFTS: Buffer = Buffer::new(250, "ApertureShifts", 4, |tables| {
     tables.effects.shadow.aperture.shifts.len()
 })
 .derived(|_, derived| bytes_of(&derived.shadow.aperture.shifts));
@@ -397,7 +397,7 @@ const APERTURE_OF_LOOKS: Pass = Pass {
         (&LOOKS_THROUGH, WriteOwn),
         (&APERTURE_WEIGHTS, Read),
     ],
-    grid: Grid::FineSamples(|tables| compound::steered(tables) * tables.lines()),
+    grid: Grid::Looks(|tables| compound::steered(tables) * tables.lines()),
     cpu: reference!(aperture::means_of_looks),
     bound: bound!(Covered("by the bound of `compound`")),
     ..APERTURE

@@ -269,7 +269,7 @@ const AXIAL: Pass = Pass {
 const AXIAL_OF_LOOKS: Pass = Pass {
     name: "compound_axial",
     bindings: &[(&LOOKS, ReadLine), (&AXIAL_KERNEL, Read), (&LOOKS_AXIAL, WriteOwn)],
-    grid: Grid::FineSamples(|tables| compound::steered(tables) * fine_lines(tables)),
+    grid: Grid::Looks(|tables| compound::steered(tables) * fine_lines(tables)),
     cpu: reference!(axial_of_looks),
     bound: bound!(Covered("by the bound of `compound_lateral`")),
     ..AXIAL
@@ -283,7 +283,7 @@ const LATERAL_OF_LOOKS: Pass = Pass {
         (&LATERAL_KERNEL, Read),
         (&LOOK_ENVELOPES, WriteOwn),
     ],
-    grid: Grid::FineSamples(|tables| compound::steered(tables) * tables.lines()),
+    grid: Grid::Looks(|tables| compound::steered(tables) * tables.lines()),
     cpu: reference!(lateral_of_looks),
     bound: bound!(By(bound::carry_looks)),
     ..LATERAL

@@ -1,21 +1,19 @@
 //! Error bounds of compounding: a mean of looks, each shaded by itself.
 
-use crate::effects::compound::{steered, steps};
+use crate::effects::compound::{is_present, steered, steps};
 use crate::effects::shadow::bound::left;
 use crate::parity::rounding::{DIVIDE, TINY, ULP};
 use crate::parity::{Slack, Step};
 
 /// Propagates the bounds of the looks to their mean.
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
-    let grid = [step.lines(), step.samples()];
-    let beam = grid[0] * grid[1];
+    let beam = step.lines() * step.samples();
     let looks = steered(step.tables);
     let mut counts = vec![1.0; beam];
     for look in 0..looks {
         let left = left(step, slack, steps(look));
         for (index, [square, square_off]) in left.into_iter().enumerate() {
-            let place = [index / grid[1], index % grid[1]];
-            if step.tables.effects.compound.is_present(look, place, grid) {
+            if is_present(step.tables, look, [index / step.samples(), index % step.samples()]) {
                 let [off, size] = slack.looks[index];
                 // Two products.
                 slack.amplitude[index] +=
