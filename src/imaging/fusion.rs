@@ -67,6 +67,8 @@ pub(crate) fn depend_along_scanline(a: &Bound, b: &Bound) -> bool {
 enum Domain {
     Beam,
     Fine,
+    Looks,
+    FineLooks,
     Image,
     Alone,
 }
@@ -76,7 +78,9 @@ fn domain(grid: Grid) -> Domain {
         Grid::Samples | Grid::Scanlines => Domain::Beam,
         Grid::FineSamples(_) => Domain::Fine,
         Grid::Pixels | Grid::Words => Domain::Image,
-        Grid::Looks(_) | Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,
+        Grid::Looks(_) => Domain::Looks,
+        Grid::FineLooks(_) => Domain::FineLooks,
+        Grid::Workgroups(_) | Grid::Shared(_) => Domain::Alone,
     }
 }
 

@@ -126,7 +126,8 @@ impl Plan {
 
     /// Whether the scene calls for an effect.
     pub fn has(&self, effect: &str) -> bool {
-        self.passes.iter().any(|planned| planned.effect == effect)
+        let of_it = |planned: &PlannedPass| planned.effect == effect || planned.needed_by == Some(effect);
+        self.passes.iter().any(of_it)
     }
 
     /// Passes with the buffers that are bound in a frame, some of which passes swap.

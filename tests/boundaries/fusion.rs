@@ -207,7 +207,12 @@ fn a_frame_has_few_dispatches() {
     .expect("a scene");
     let default = default.resolve(".".as_ref()).expect("the default scene");
     let plan = Plan::new(&Tables::new(default.anatomy, default.settings).expect("tables"));
-    let all = Plan::new(&tables(&everything()));
+    let mut scene = everything();
+    let compounded = Plan::new(&tables(&scene));
+    scene.settings.effects.compound = None;
+    let all = Plan::new(&tables(&scene));
+    let looks = compounded.fused(MAX_BUFFERS).len() - all.fused(MAX_BUFFERS).len();
+    assert!(looks <= 4, "{}", compounded.report(&Default::default()));
     for plan in [&plan, &all] {
         let (passes, dispatches) = (plan.passes.len(), plan.fused(MAX_BUFFERS).len());
         assert!(

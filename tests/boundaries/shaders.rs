@@ -202,7 +202,7 @@ fn work(grid: Grid, tables: &Tables) -> [u64; 3] {
             let [y, z] = count(tables).map(u64::from);
             [256, y, z]
         }
-        Grid::FineSamples(count) | Grid::Looks(count) => [samples, count(tables) as u64, 1],
+        Grid::FineSamples(count) | Grid::Looks(count) | Grid::FineLooks(count) => [samples, count(tables) as u64, 1],
         Grid::Pixels => [width, height, 1],
         Grid::Words => [tables.words_per_row() as u64, height, 1],
         Grid::Shared(groups) => [64 * u64::from(groups), 1, 1],

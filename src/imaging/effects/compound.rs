@@ -308,7 +308,7 @@ const fn turn_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Us
         entry,
         bindings,
         params,
-        grid: Grid::Looks(|tables| steered(tables) * super::speckle::fine_lines(tables)),
+        grid: Grid::FineLooks(|tables| steered(tables) * super::speckle::fine_lines(tables)),
         flips: false,
         cpu: reference!(turn),
         bound: bound!(Covered("by the bound of `compound_lateral`")),

@@ -123,8 +123,10 @@ pub enum Grid {
     Scanlines,
     /// Samples of more densely spaced scanlines; gives their number.
     FineSamples(fn(&Tables) -> usize),
-    /// Samples of scanlines of several looks, one after another; gives their number.
+    /// Samples of the scanlines of several looks, one after another; gives their number.
     Looks(fn(&Tables) -> usize),
+    /// Samples of more densely spaced scanlines of several looks; gives their number.
+    FineLooks(fn(&Tables) -> usize),
     /// Pixels (x) of the rows (y) of a band.
     Pixels,
     /// Words of four pixels of the rows of a band.
@@ -143,7 +145,9 @@ impl Grid {
         match self {
             Self::Samples => [samples, lines, 1],
             Self::Scanlines => [1, lines, 1],
-            Self::FineSamples(count) | Self::Looks(count) => [samples, count(tables) as u32, 1],
+            Self::FineSamples(count) | Self::Looks(count) | Self::FineLooks(count) => {
+                [samples, count(tables) as u32, 1]
+            }
             Self::Pixels => [groups(tables.width()), band.rows, 1],
             Self::Words => [groups(tables.words_per_row()), band.rows, 1],
             Self::Workgroups(count) => {

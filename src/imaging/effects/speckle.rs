@@ -269,7 +269,7 @@ const AXIAL: Pass = Pass {
 const AXIAL_OF_LOOKS: Pass = Pass {
     name: "compound_axial",
     bindings: &[(&LOOKS, ReadLine), (&AXIAL_KERNEL, Read), (&LOOKS_AXIAL, WriteOwn)],
-    grid: Grid::Looks(|tables| compound::steered(tables) * fine_lines(tables)),
+    grid: Grid::FineLooks(|tables| compound::steered(tables) * fine_lines(tables)),
     cpu: reference!(axial_of_looks),
     bound: bound!(Covered("by the bound of `compound_lateral`")),
     ..AXIAL
