@@ -14,8 +14,8 @@ pub(super) fn page() -> io::Result<String> {
     let lead = folded(
         "What each effect does, its keys, and a frame without it, on the left, and with it. The usual effects act in every \
          scene whose frames they can change; [guide.md](guide.md#one-effect-at-a-time) says which they are. Pictures show one \
-         effect beside the tone curve, and the reduction of speckle beside speckle, by the keys above them, some of which \
-         exaggerate; here is each, and then all of them together.",
+         effect beside the tone curve, compounding beside speckle and shadows and the reduction of speckle beside speckle, by \
+         the keys above them, some of which exaggerate; here is each, and then all of them together.",
     );
     let lead = format!("{lead}\n![Each effect alone, then all together](effects.png)\n");
     Ok(page_of("Effects", &lead, ["effect", "what it does"], &entries?))
