@@ -2,8 +2,8 @@
 //!
 //! `effects.png` shows the same frame with one effect at a time, then with all. The first panel is slicing alone:
 //! labels become echoes, shown linearly. The second adds the tone curve, which every further panel has too, beside the
-//! one effect in its caption, and speckle and shadows where looks of them are averaged or speckle is reduced. What the effects do is that of their examples, which
-//! exaggerate.
+//! one effect in its caption, and speckle and shadows where looks of them are averaged or speckle is reduced. What the
+//! effects do is that of their examples, which exaggerate.
 //!
 //! `cargo run --release --example reference_pages -- docs`
 

@@ -7,8 +7,8 @@
 //! with the difference `dk` of the two turns (R. F. Wagner et al., IEEE Transactions on Ultrasonics, Ferroelectrics and
 //! Frequency Control 35 (1988) 34), and the mean over standard deviation of their average grows with it (G. E. Trahey
 //! et al., ibid. 33 (1986) 257). Losses are those of an aperture about the element from which the look comes: full
-//! shadows end as triangles, and beyond them the share of looks counts that pass. Where a look's element lies beyond the
-//! array, the others are averaged.
+//! shadows end as triangles, and beyond them the share of looks counts that pass. Where a look's element lies beyond
+//! the array, the others are averaged.
 //!
 //! This takes less than to render every look whole: places, tissues, surfaces and needles, the direction of speckle,
 //! refraction, mirror images and repeats are those of the middle look, and paths as long as its.

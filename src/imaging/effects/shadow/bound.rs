@@ -162,8 +162,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Returns the two-way transmittance of every sample in the look so many steps to the side, with error bounds; all of it
-/// without a shadow.
+/// Returns the two-way transmittance of every sample in the look so many steps to the side, with error bounds; all of
+/// it without a shadow.
 pub(crate) fn left(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     let mut squares = vec![[1.0, 0.0]; lines * samples];
