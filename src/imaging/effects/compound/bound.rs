@@ -1,7 +1,7 @@
 //! Error bounds of compounding: a mean of looks, each shaded by itself.
 
 use crate::effects::compound::{is_present, steered, steps};
-use crate::effects::shadow::bound::left;
+use crate::effects::shadow::bound::{left, of_rays};
 use crate::parity::rounding::{DIVIDE, TINY, ULP};
 use crate::parity::{Slack, Step};
 
@@ -9,9 +9,10 @@ use crate::parity::{Slack, Step};
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let beam = step.lines() * step.samples();
     let looks = steered(step.tables);
+    let rays = of_rays(step, slack);
     let mut counts = vec![1.0; beam];
     for look in 0..looks {
-        let left = left(step, slack, steps(look));
+        let left = left(step, slack, steps(look), &rays);
         for (index, [square, square_off]) in left.into_iter().enumerate() {
             if is_present(step.tables, look, [index / step.samples(), index % step.samples()]) {
                 let [off, size] = slack.looks[index];

@@ -74,8 +74,11 @@ fn down(step: &Step, losses: impl Fn(usize) -> [[f64; 2]; 2]) -> Vec<[f64; 2]> {
     (0..step.samples()).map(sample).collect()
 }
 
-/// Returns the one-way transmittance down every ray of every element, with error bounds.
-fn of_rays(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
+/// Returns the one-way transmittance down every ray of every element, with error bounds, if there are any.
+pub(crate) fn of_rays(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
+    if !opens(step.tables) {
+        return Vec::new();
+    }
     let (lines, samples) = (step.lines(), step.samples());
     let aperture = &step.tables.effects.shadow.aperture;
     (0..aperture.rays() * lines)
@@ -92,14 +95,13 @@ fn of_rays(step: &Step, slack: &Slack) -> Vec<[f64; 2]> {
 
 /// Returns the one-way transmittance of every sample before the mean over the beam, with error bounds, in the look so
 /// many steps to the side.
-fn through(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
+fn through(step: &Step, slack: &Slack, steps: i32, of_rays: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     if !opens(step.tables) {
         let losses = step.after.loss.iter().zip(&slack.loss);
         return losses.map(|(loss, off)| one_way(f64::from(*loss), *off)).collect();
     }
     let aperture = &step.tables.effects.shadow.aperture;
-    let of_rays = of_rays(step, slack);
     let rays = aperture.rays_of(steps).len() as f64;
     let mean = |line: usize, sample: usize| {
         // Least, exact and largest product of the means, and of the weights that are present.
@@ -152,7 +154,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     if step.tables.effects.shadow.penumbra.is_none() {
         return slack.fault("a shadow without a kernel");
     }
-    let left = left(step, slack, 0);
+    let left = left(step, slack, 0, &of_rays(step, slack));
     for (index, [square, square_off]) in left.into_iter().enumerate() {
         let amplitude = step.before.amplitude[index].abs();
         // Two products.
@@ -164,7 +166,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
 
 /// Returns the two-way transmittance of every sample in the look so many steps to the side, with error bounds; all of
 /// it without a shadow.
-pub(crate) fn left(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
+pub(crate) fn left(step: &Step, slack: &Slack, steps: i32, of_rays: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     let mut squares = vec![[1.0, 0.0]; lines * samples];
     let Some(kernel) = &step.tables.effects.shadow.penumbra else {
@@ -172,7 +174,7 @@ pub(crate) fn left(step: &Step, slack: &Slack, steps: i32) -> Vec<[f64; 2]> {
     };
     let opaque = opaque_units(step.tables.sample_mm());
     let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
-    let left_of_all = through(step, slack, steps);
+    let left_of_all = through(step, slack, steps, of_rays);
     for sample in 0..samples {
         let weights: Vec<f64> = kernel.at(sample).collect();
         let through: Vec<[f64; 2]> = (0..lines).map(|line| left_of_all[line * samples + sample]).collect();
