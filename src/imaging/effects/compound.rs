@@ -204,9 +204,9 @@ pub(super) fn are_shaded(tables: &Tables) -> bool {
 }
 
 /// Side of a look, and scanlines from its element to the samples.
-fn shifts(tables: &Tables, look: usize) -> (i32, &[i32]) {
+fn shifts(tables: &Tables, is_shaded: bool, look: usize) -> (i32, &[i32]) {
     let effects = &tables.effects;
-    let (rows, to_next) = if are_shaded(tables) {
+    let (rows, to_next) = if is_shaded {
         (&effects.shadow.aperture.shifts, effects.shadow.aperture.to_next)
     } else {
         (&effects.compound.shifts, 1)
@@ -219,7 +219,7 @@ fn shifts(tables: &Tables, look: usize) -> (i32, &[i32]) {
 /// Whether the element of a look to a sample lies on the array.
 #[cfg(any(test, feature = "analysis"))]
 pub(crate) fn is_present(tables: &Tables, look: usize, [line, sample]: [usize; 2]) -> bool {
-    let (side, shifts) = shifts(tables, look);
+    let (side, shifts) = shifts(tables, are_shaded(tables), look);
     (0..tables.lines() as i32).contains(&(line as i32 - side * shifts[sample]))
 }
 
@@ -445,6 +445,7 @@ fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let is_opaque: [bool; 256] =
         std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
     let columns = &store.effects.compound;
+    let is_shaded = are_shaded(tables);
     for_each(
         (
             0..,
@@ -455,6 +456,7 @@ fn mean<T: Real>(view: &View, store: &mut Store<T>) {
             T::vectorised(Scanline {
                 tables,
                 columns,
+                is_shaded,
                 line,
                 is_opaque: &is_opaque,
                 labels,
@@ -468,6 +470,7 @@ fn mean<T: Real>(view: &View, store: &mut Store<T>) {
 struct Scanline<'a, T> {
     tables: &'a Tables,
     columns: &'a Columns<T>,
+    is_shaded: bool,
     line: usize,
     is_opaque: &'a [bool; 256],
     labels: &'a [u8],
@@ -482,14 +485,14 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     fn run(self) {
         let (lines, samples) = (self.tables.lines(), self.tables.samples());
         let penumbra = self.tables.effects.shadow.penumbra.as_ref();
-        let penumbra = penumbra.filter(|_| are_shaded(self.tables));
+        let penumbra = penumbra.filter(|_| self.is_shaded);
         for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
             let mut sum = [T::zero(); BLOCK];
             let mut count = [T::one(); BLOCK];
             sum[..amplitudes.len()].copy_from_slice(amplitudes);
             for look in 0..steered(self.tables) {
-                let (side, shifts) = shifts(self.tables, look);
+                let (side, shifts) = shifts(self.tables, self.is_shaded, look);
                 let place = look * lines * samples;
                 let envelopes = &self.columns.envelopes[place + self.line * samples + start..][..amplitudes.len()];
                 let mut left = [T::one(); BLOCK];

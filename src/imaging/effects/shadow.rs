@@ -185,7 +185,19 @@ pub(crate) const EFFECT: Effect = Effect {
 
 /// Whether anything in the scene casts a shadow.
 pub(super) fn runs(tables: &Tables) -> bool {
-    matches!(wanted(tables), Yes(_))
+    tables.settings.effects.shadow.as_ref().is_some_and(|shadow| {
+        let (losing, needle) = casting(tables, shadow);
+        losing > 0 || needle
+    })
+}
+
+/// Number of labels that lose, and whether the needle shades.
+fn casting(tables: &Tables, shadow: &Shadow) -> (usize, bool) {
+    let rows = tables.label_rows.iter().enumerate();
+    let losing = rows
+        .filter(|&(index, row)| row.loss > 0 && tables.volume.holds(index))
+        .count();
+    (losing, super::needle::present(tables) && shadow.needle_db_mm > 0.0)
 }
 
 /// Tables of the shadow; empty without one.
@@ -504,14 +516,7 @@ fn wanted(tables: &Tables) -> Wanted {
     let Some(shadow) = &tables.settings.effects.shadow else {
         return No("the scene names no shadow".into());
     };
-    let losing = tables
-        .label_rows
-        .iter()
-        .enumerate()
-        .filter(|&(index, row)| row.loss > 0 && tables.volume.holds(index))
-        .count();
-    let needle = super::needle::present(tables) && shadow.needle_db_mm > 0.0;
-    match (losing, needle) {
+    match casting(tables, shadow) {
         (0, false) => No("no tissue of the volume attenuates or occludes, and there is no needle".into()),
         (0, true) => Yes("the needle shades".into()),
         (n, true) => Yes(format!("{n} labels attenuate or occlude, and the needle shades")),
