@@ -285,9 +285,10 @@ fn hidden_pictures(folder: &Path) -> usize {
 /// Starts a run and sends it a signal once it has made some pictures.
 #[cfg(unix)]
 fn cut_off(bench: &Bench, arguments: &str, folder: &str, signal: &str) {
-    let mut child = bench.command(arguments).spawn().expect("it starts");
+    // Before it starts, as it renames the folder.
     let folder = bench.path(folder);
     let before = hidden_pictures(&folder);
+    let mut child = bench.command(arguments).spawn().expect("it starts");
     while hidden_pictures(&folder) < before + 8 {
         assert!(
             child.try_wait().expect("a child").is_none(),
