@@ -14,10 +14,10 @@ struct Params {
 
 @group(0) @binding(0) var<storage, read> params: Params;
 
-// turn and turn_specular
+// rotate and rotate_specular
 @group(0) @binding(1) var<storage, read> scatter: array<vec2<f32>>;
 // Per look its gains, a row over the samples; then per look and fine scanline cosine and sine.
-@group(0) @binding(2) var<storage, read> turns: array<f32>;
+@group(0) @binding(2) var<storage, read> phasors: array<f32>;
 @group(0) @binding(3) var<storage, read_write> looks: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read> specular: array<vec2<f32>>;
 @group(0) @binding(5) var<storage, read> axial_kernel: array<f32>;
@@ -36,23 +36,23 @@ fn fine_lines() -> u32 {
 }
 
 // Echo of the scatterers of a sample in the row of a look and a fine scanline.
-fn turned(row: u32, sample: u32) -> vec2<f32> {
-    let gain = turns[row / fine_lines() * params.samples + sample];
+fn rotated(row: u32, sample: u32) -> vec2<f32> {
+    let gain = phasors[row / fine_lines() * params.samples + sample];
     let at = params.steered * params.samples + 2u * row;
-    let phase = vec2<f32>(turns[at], turns[at + 1u]);
+    let phase = vec2<f32>(phasors[at], phasors[at + 1u]);
     let echo = scatter[row % fine_lines() * params.samples + sample];
     return gain * vec2<f32>(phase.x * echo.x - phase.y * echo.y, phase.y * echo.x + phase.x * echo.y);
 }
 
 @compute @workgroup_size(64)
-fn turn(@builtin(global_invocation_id) id: vec3<u32>) {
+fn rotate(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
-        looks[id.y * params.samples + id.x] = turned(id.y, id.x);
+        looks[id.y * params.samples + id.x] = rotated(id.y, id.x);
     }
 }
 
 @compute @workgroup_size(64)
-fn turn_specular(@builtin(global_invocation_id) id: vec3<u32>) {
+fn rotate_specular(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
@@ -62,7 +62,7 @@ fn turn_specular(@builtin(global_invocation_id) id: vec3<u32>) {
     let a = specular[line * params.samples + id.x];
     let b = specular[min(line + 1u, params.lines - 1u) * params.samples + id.x];
     let factor = axial_kernel[params.specular_at + id.x];
-    looks[id.y * params.samples + id.x] = turned(id.y, id.x) + factor * (a + part * (b - a));
+    looks[id.y * params.samples + id.x] = rotated(id.y, id.x) + factor * (a + part * (b - a));
 }
 
 // Whether the element of a look to a sample lies on the array.

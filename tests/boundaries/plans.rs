@@ -276,7 +276,7 @@ pub(super) fn scenes() -> Vec<Scene> {
             },
             &[
                 "speckle_scatter",
-                "compound_turn",
+                "compound_phase",
                 "compound_axial",
                 "compound_lateral",
                 "speckle_axial",

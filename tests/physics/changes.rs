@@ -323,7 +323,7 @@ fn a_change_touches_only_what_depends_on_it() {
             &[
                 "AxialKernel",
                 "LateralKernel",
-                "LookTurns",
+                "LookPhasors",
                 "PenumbraKernel",
                 "ApertureShifts",
                 "ApertureWeights",
@@ -347,7 +347,7 @@ fn a_change_touches_only_what_depends_on_it() {
             &[
                 "AxialKernel",
                 "LateralKernel",
-                "LookTurns",
+                "LookPhasors",
                 "LookShifts",
                 "PenumbraKernel",
                 "ApertureShifts",
@@ -393,7 +393,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "Rays",
                 "AxialKernel",
                 "LateralKernel",
-                "LookTurns",
+                "LookPhasors",
                 "LookShifts",
                 "BlurKernel",
                 "PenumbraKernel",

@@ -2,9 +2,9 @@
 //!
 //! The looks leave the array at angles evenly spaced from one outermost to the other; the middle one is the frame
 //! without compounding. Scatterers are the same in all of them, met by waves of another direction: in a look at an
-//! angle `a` their phase turns by `4 pi / lambda sin a` per mm along the array, before the point spread is applied. So
+//! angle `a` their phase advances by `4 pi / lambda sin a` per mm along the array, before the point spread is applied. So
 //! the speckle of two looks correlates as the closed form says, `|sum w^2 exp(i dk x)|^2` over the lateral kernel `w`
-//! with the difference `dk` of the two turns (R. F. Wagner et al., IEEE Transactions on Ultrasonics, Ferroelectrics and
+//! with the difference `dk` of the two rates (R. F. Wagner et al., IEEE Transactions on Ultrasonics, Ferroelectrics and
 //! Frequency Control 35 (1988) 34), and the mean over standard deviation of their average grows with it (G. E. Trahey
 //! et al., ibid. 33 (1986) 257). Losses are those of an aperture about the element from which the look comes: full
 //! shadows end as triangles, and beyond them the share of looks counts that pass. Where a look's element lies beyond
@@ -30,7 +30,7 @@ use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, SPECULAR, beam, bytes
 use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::shadow::aperture::Fan;
-use super::shadow::penumbra::opaque_units;
+use super::shadow::penumbra::{are_opaque, cap_opaque, opaque_units};
 use super::shadow::{self, APERTURE_SHIFTS, PENUMBRA_KERNEL};
 use super::speckle::{AXIAL_KERNEL, SCATTER};
 use super::{
@@ -73,7 +73,7 @@ pub(crate) struct Steering {
     pub on_side: usize,
     /// Step from one look to the next along the array's fan: see [`Fan::ray`].
     pub step: f64,
-    /// Phase that waves straight along the array turn between neighbouring scanlines there and back, radians.
+    /// Phase that waves straight along the array gain between neighbouring scanlines, there and back, radians.
     along: f64,
     is_curved: bool,
 }
@@ -103,17 +103,17 @@ impl Steering {
         2 * self.on_side
     }
 
-    /// Phase that the scatterers of a look turn, from one scanline to the next of `oversampling` to a scanline. Looks
-    /// whose turns would come round to those of others, on scanlines too far apart for them, are spread evenly.
-    pub(crate) fn turn(&self, number: i32, oversampling: usize) -> f64 {
-        let turn = |number: f64| {
+    /// Phase that the scatterers of a look gain from one scanline to the next, of `oversampling` to a scanline,
+    /// radians. Where scanlines are too far apart to tell the looks from one another, their phases are spread evenly.
+    pub(crate) fn phase(&self, number: i32, oversampling: usize) -> f64 {
+        let phase = |number: f64| {
             let ray = number * self.step;
             let sine = if self.is_curved { ray.sin() } else { ray.atan().sin() };
             self.along * sine / oversampling as f64
         };
-        let apart = turn(self.on_side as f64) / self.on_side as f64;
+        let apart = phase(self.on_side as f64) / self.on_side as f64;
         let even = TAU / (1 + self.steered()) as f64;
-        turn(f64::from(number)) * (even / apart).min(1.0)
+        phase(f64::from(number)) * (even / apart).min(1.0)
     }
 }
 
@@ -155,7 +155,9 @@ pub(crate) const EFFECT: Effect = Effect {
         let compound = tables.settings.effects.compound.as_ref();
         let obstacle = compound.and_then(|_| obstacle(&tables.settings, &tables.grid));
         obstacle
-            .map(|obstacle| format!("effects.compound does nothing: {obstacle}"))
+            .map(|obstacle| {
+                format!("effects.compound does nothing: {obstacle}; it compounds speckle of linear and curved arrays")
+            })
             .into_iter()
             .collect()
     },
@@ -241,12 +243,12 @@ fn beams(tables: &Tables) -> usize {
     steered(tables) * beam(tables)
 }
 
-/// Per look: its gains, a row over the samples; then per look and fine scanline cosine and sine of its turn (`f32`).
-pub(super) static LOOK_TURNS: Buffer = Buffer::new(163, "LookTurns", 4, |tables| turns(&tables.effects).len())
-    .derived(|_, derived| bytes_of(turns(derived)));
+/// Per look: its gains, a row over the samples; then per look and fine scanline cosine and sine of its phase (`f32`).
+pub(super) static LOOK_PHASORS: Buffer = Buffer::new(163, "LookPhasors", 4, |tables| phasors(&tables.effects).len())
+    .derived(|_, derived| bytes_of(phasors(derived)));
 
-fn turns(derived: &EffectTables) -> &[f32] {
-    derived.speckle.as_ref().map_or(&[], |speckle| speckle.turns.of())
+fn phasors(derived: &EffectTables) -> &[f32] {
+    derived.speckle.as_ref().map_or(&[], |speckle| speckle.phasors.of())
 }
 
 /// Data of [`Derived::shifts`] (`i32`).
@@ -282,18 +284,18 @@ columns! {
 const SHADER: &str = include_str!("../../../shaders/compound.wgsl");
 
 /// Turns the scatterers of the steered looks.
-pub(super) const TURN: Pass = turn_pass(
-    "turn",
-    const { &[(&SCATTER, Read), (&LOOK_TURNS, Read), (&LOOKS, WriteOwn)] },
+pub(super) const ROTATE: Pass = rotation(
+    "rotate",
+    const { &[(&SCATTER, Read), (&LOOK_PHASORS, Read), (&LOOKS, WriteOwn)] },
 );
 
 /// The same with the echoes of surfaces and needles.
-pub(super) const TURN_SPECULAR: Pass = turn_pass(
-    "turn_specular",
+pub(super) const ROTATE_SPECULAR: Pass = rotation(
+    "rotate_specular",
     const {
         &[
             (&SCATTER, Read),
-            (&LOOK_TURNS, Read),
+            (&LOOK_PHASORS, Read),
             (&LOOKS, WriteOwn),
             (&SPECULAR, Read),
             (&AXIAL_KERNEL, Read),
@@ -301,22 +303,22 @@ pub(super) const TURN_SPECULAR: Pass = turn_pass(
     },
 );
 
-const fn turn_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+const fn rotation(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
-        name: "compound_turn",
+        name: "compound_phase",
         shader: SHADER,
         entry,
         bindings,
         params,
         grid: Grid::FineLooks(|tables| steered(tables) * super::speckle::fine_lines(tables)),
         flips: false,
-        cpu: reference!(turn),
+        cpu: reference!(rotate),
         bound: bound!(Covered("by the bound of `compound_lateral`")),
     }
 }
 
 /// Averages the looks, shaded.
-pub(super) const SHADED: Pass = mean_pass(
+pub(super) const SHADED: Pass = average(
     "shaded",
     const {
         &[
@@ -331,12 +333,12 @@ pub(super) const SHADED: Pass = mean_pass(
     },
 );
 
-const UNSHADED: Pass = mean_pass(
+const UNSHADED: Pass = average(
     "unshaded",
     const { &[(&LOOK_ENVELOPES, Read), (&LOOK_SHIFTS, Read), (&AMPLITUDE, WriteOwn)] },
 );
 
-const fn mean_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+const fn average(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
     Pass {
         name: "compound",
         shader: SHADER,
@@ -401,13 +403,13 @@ fn params(view: &View, _: Band) -> ParamBlock {
     })
 }
 
-fn turn<T: Real>(view: &View, store: &mut Store<T>) {
+fn rotate<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
     let fine_lines = speckle.fine_lines(lines);
     let looks = steered(tables);
-    let (gains, turns) = speckle.turns.of::<T>().split_at(looks * samples);
+    let (gains, phasors) = speckle.phasors.of::<T>().split_at(looks * samples);
     let factors = speckle.specular.of::<T>();
     let specular = super::speckle::has_specular(tables).then_some(&store.specular);
     let scatter = &store.effects.speckle.scatter;
@@ -415,21 +417,21 @@ fn turn<T: Real>(view: &View, store: &mut Store<T>) {
         (0.., chunks_mut(&mut store.effects.compound.looks, 2 * samples)),
         &|(row, echoes)| {
             let (look, fine) = (row / fine_lines, row % fine_lines);
-            let [cosine, sine] = [turns[2 * row], turns[2 * row + 1]];
+            let [cosine, sine] = [phasors[2 * row], phasors[2 * row + 1]];
             let (re, im) = scatter[2 * fine * samples..][..2 * samples].split_at(samples);
-            let (turned_re, turned_im) = echoes.split_at_mut(samples);
+            let (rotated_re, rotated_im) = echoes.split_at_mut(samples);
             let gains = &gains[look * samples..][..samples];
-            let out = turned_re.iter_mut().zip(turned_im.iter_mut()).zip(gains);
-            for (((turned_re, turned_im), gain), (re, im)) in out.zip(re.iter().zip(im)) {
-                *turned_re = *gain * (cosine * *re - sine * *im);
-                *turned_im = *gain * (sine * *re + cosine * *im);
+            let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(gains);
+            for (((rotated_re, rotated_im), gain), (re, im)) in out.zip(re.iter().zip(im)) {
+                *rotated_re = *gain * (cosine * *re - sine * *im);
+                *rotated_im = *gain * (sine * *re + cosine * *im);
             }
             let Some(specular) = specular else { return };
             let line = fine / speckle.oversampling;
             let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
             let scanline = |line: usize| &specular[line * samples..][..samples];
             let between = scanline(line).iter().zip(scanline((line + 1).min(lines - 1)));
-            let out = turned_re.iter_mut().zip(turned_im.iter_mut()).zip(factors);
+            let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(factors);
             for (((re, im), factor), (a, b)) in out.zip(between) {
                 *re += *factor * (a[0] + part * (b[0] - a[0]));
                 *im += *factor * (a[1] + part * (b[1] - a[1]));
@@ -441,9 +443,7 @@ fn turn<T: Real>(view: &View, store: &mut Store<T>) {
 fn mean<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let opaque = opaque_units(tables.sample_mm());
-    let is_opaque: [bool; 256] =
-        std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
+    let is_opaque = are_opaque(tables);
     let columns = &store.effects.compound;
     let is_shaded = are_shaded(tables);
     for_each(
@@ -501,12 +501,7 @@ impl<T: Real> Kernel for Scanline<'_, T> {
                     let left = &mut left[..amplitudes.len()];
                     kernel.mean(through, [self.line, lines], start, left);
                     let on_line = &through[self.line * samples + start..];
-                    let labels = &self.labels[start..];
-                    for (left, (through, label)) in left.iter_mut().zip(on_line.iter().zip(labels)) {
-                        if self.is_opaque[usize::from(*label)] {
-                            *left = left.min(*through);
-                        }
-                    }
+                    cap_opaque(self.is_opaque, &self.labels[start..], on_line, left);
                 }
                 for (i, (envelope, shift)) in envelopes.iter().zip(&shifts[start..]).enumerate() {
                     let element = self.line as i32 - side * shift;
@@ -526,25 +521,25 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     }
 }
 
-/// Gains and turns of the looks, from the mean power of a look at a sample relative to the middle one.
-pub(super) fn turned(
+/// Gains of the looks and cosines and sines of their phases, from the mean power of a look at a sample relative to the middle one.
+pub(super) fn gains_and_phasors(
     steering: &Steering,
     [samples, fine_lines, oversampling]: [usize; 3],
     power: impl Fn(usize, f64) -> f64,
 ) -> Numbers {
-    let turn = |look: usize| steering.turn(steps(look), oversampling);
+    let phase = |look: usize| steering.phase(steps(look), oversampling);
     let looks = || 0..steering.steered();
     let gains = looks().flat_map(|look| {
         let power = &power;
-        (0..samples).map(move |sample| power(sample, turn(look)).max(LEAST_POWER).powf(-0.5))
+        (0..samples).map(move |sample| power(sample, phase(look)).max(LEAST_POWER).powf(-0.5))
     });
-    let turns = looks().flat_map(|look| {
+    let phasors = looks().flat_map(|look| {
         (0..fine_lines).flat_map(move |fine| {
-            let (sine, cosine) = (turn(look) * fine as f64).sin_cos();
+            let (sine, cosine) = (phase(look) * fine as f64).sin_cos();
             [cosine, sine]
         })
     });
-    Numbers::new(gains.chain(turns).collect())
+    Numbers::new(gains.chain(phasors).collect())
 }
 
 /// Least power of a look that is made up for: less is left of the scatterers, on a lattice too coarse for its waves.

@@ -34,7 +34,7 @@ use spread::{axial, axial_of_looks, lateral, lateral_of_looks};
 pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
-use super::compound::{self, LOOK_ENVELOPES, LOOK_TURNS, LOOKS, LOOKS_AXIAL, Steering};
+use super::compound::{self, LOOK_ENVELOPES, LOOK_PHASORS, LOOKS, LOOKS_AXIAL, Steering};
 use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread};
@@ -84,8 +84,8 @@ pub(crate) const EFFECT: Effect = Effect {
         let passes = [
             (tables.anatomy.mesh.is_none(), &GATHER),
             (tables.anatomy.mesh.is_some(), &GATHER_WARPED),
-            (looks && !is_specular, &compound::TURN),
-            (looks && is_specular, &compound::TURN_SPECULAR),
+            (looks && !is_specular, &compound::ROTATE),
+            (looks && is_specular, &compound::ROTATE_SPECULAR),
             (looks, &AXIAL_OF_LOOKS),
             (looks, &LATERAL_OF_LOOKS),
             (is_specular, &ADD_SPECULAR),
@@ -103,7 +103,7 @@ pub(crate) const EFFECT: Effect = Effect {
         let is_specular = pass.name == ADD_SPECULAR.name;
         is_specular.then_some(specular).or_else(|| compound::needs(pass))
     },
-    buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL, &LOOK_TURNS],
+    buffers: &[&SCATTER, &SCATTER_AXIAL, &AXIAL_KERNEL, &LATERAL_KERNEL, &LOOK_PHASORS],
     warnings: |tables| {
         let Some(speckle) = &tables.effects.speckle else {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! Compounding: turned scatterers, rays of steered apertures and their means, with few scanlines and samples.
+//! Compounding: rotated phases, rays of steered apertures and their means, with few scanlines and samples.
 
 use insonify_imaging::effects::compound::Compound;
 use insonify_imaging::effects::interface::Interface;

@@ -101,11 +101,11 @@ fn squares(settings: &Settings) -> Vec<[f64; 2]> {
 fn modulus(angles_deg: [f64; 2], squares: &[[f64; 2]]) -> f64 {
     let wavelength_mm = 1.54 / 5.0;
     let [a, b] = angles_deg.map(|angle_deg| 4.0 * PI / wavelength_mm * angle_deg.to_radians().sin());
-    let turned: f64 = squares
+    let rotated: f64 = squares
         .iter()
         .map(|[away_mm, square]| square * ((a - b) * away_mm).cos())
         .sum();
-    (turned / squares.iter().map(|[_, square]| square).sum::<f64>()).abs()
+    (rotated / squares.iter().map(|[_, square]| square).sum::<f64>()).abs()
 }
 
 #[test]
@@ -135,15 +135,15 @@ fn looks_correlate_as_the_closed_form_says() {
 
 /// Under a curved array waves steered at the array run less aside at depth, where scanlines are farther apart.
 #[test]
-fn looks_of_a_curved_array_turn_from_scanline_to_scanline_as_those_of_a_flat_one() {
+fn phases_under_a_curved_array_advance_from_scanline_to_scanline_as_those_of_a_flat_one() {
     let [flat, curved] = [LINEAR, CURVED].map(|shape| {
         let settings = settings(shape, 3, 3.0);
         synthesizer(&anatomy::uniform(PLAIN), &settings, Backend::CpuF64)
     });
     let [flat, curved] = [flat, curved].map(|synthesizer| {
         let speckle = synthesizer.tables().effects.speckle.clone().expect("speckle");
-        let turns = &speckle.turns.of::<f64>()[2 * SAMPLES..];
-        turns[2 * speckle.oversampling + 1].atan2(turns[2 * speckle.oversampling])
+        let phasors = &speckle.phasors.of::<f64>()[2 * SAMPLES..];
+        phasors[2 * speckle.oversampling + 1].atan2(phasors[2 * speckle.oversampling])
     });
     assert!(flat < -0.5 && (flat - curved).abs() < 1e-9, "{flat} {curved}");
 }
@@ -265,6 +265,54 @@ fn sides_that_fewer_looks_meet_are_as_bright() {
         let middle = 2.0 * mean(&sums[40..LINES - 40]);
         assert!((side / middle - 1.0).abs() < 0.04, "{shape:?}: {}", side / middle);
     }
+}
+
+/// Where no steered look comes from the array, the middle one is left as it is.
+#[test]
+fn what_no_steered_look_meets_is_that_of_the_middle_one() {
+    let mut narrow = settings(ProbeShape::Linear(Linear { width_mm: 8.0 }), 3, 20.0);
+    narrow.effects.shadow = Some(Shadow::default());
+    let envelopes = [true, false].map(|compounds| {
+        let mut settings = narrow.clone();
+        settings.effects.compound = settings.effects.compound.filter(|_| compounds);
+        let mut synthesizer = synthesizer(&anatomy::uniform(PLAIN), &settings, Backend::CpuF64);
+        let last = if compounds { "compound" } else { "speckle_lateral" };
+        synthesizer
+            .render_until(last, &scene::straight())
+            .expect("a beam")
+            .amplitude
+            .to_vec()
+    });
+    let deep_mm = 8.0 / 20f64.to_radians().tan();
+    let first = (deep_mm / DEPTH_MM * SAMPLES as f64) as usize + 2;
+    for (with, without) in envelopes[0].chunks(SAMPLES).zip(envelopes[1].chunks(SAMPLES)) {
+        assert_eq!(with[first..], without[first..]);
+        assert_ne!(with[..first], without[..first]);
+    }
+}
+
+/// Shadows that a scene asks to be straight have edges as wide as the beam, with looks as without them.
+#[test]
+fn straight_shadows_are_as_sharp_as_without_looks() {
+    let kernels = [
+        Some(Compound {
+            looks: 3,
+            angle_deg: 8.0,
+        }),
+        None,
+    ]
+    .map(|compound| {
+        let mut settings = settings(LINEAR, 3, 8.0);
+        settings.effects.compound = compound;
+        settings.effects.shadow = Some(Shadow {
+            f_number: Some(0.0),
+            ..Shadow::default()
+        });
+        let synthesizer = synthesizer(&absorber(ABSORBER_MM), &settings, Backend::CpuF64);
+        let kernel = synthesizer.tables().effects.shadow.penumbra.clone();
+        kernel.expect("a penumbra").reach
+    });
+    assert_eq!(kernels[0], kernels[1]);
 }
 
 #[test]

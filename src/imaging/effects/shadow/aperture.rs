@@ -58,7 +58,8 @@ pub struct Aperture {
     pub shifts: Vec<i32>,
     /// Per distance from the middle ray, a row over the samples each for transmission and reception: weight of the ray.
     pub weights: Numbers,
-    /// Per sample: scanlines between neighbouring rays that crossed at a quarter of the depth of the image.
+    /// Per sample: scanlines between neighbouring rays of a look that crossed at a quarter of the depth of the image; 0
+    /// of a look of one ray.
     pub apart: Vec<f64>,
 }
 
@@ -205,7 +206,10 @@ impl Aperture {
         }
         let shift = |depth_mm: f64| fan.shift(step, depth_mm, grid);
         let crossing_mm = CROSSING * grid.depth_mm();
-        let apart = |sample: usize| shift(grid.sample_depth_mm(sample).max(crossing_mm)) - shift(crossing_mm);
+        let apart = |sample: usize| match side {
+            0 => 0.0,
+            _ => shift(grid.sample_depth_mm(sample).max(crossing_mm)) - shift(crossing_mm),
+        };
         Self {
             side,
             to_next,

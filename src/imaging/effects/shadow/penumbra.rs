@@ -13,6 +13,7 @@ use crate::effects::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel};
 use crate::effects::pass::View;
 use crate::effects::point_spread::PointSpread;
 use crate::synth::store::Store;
+use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::Kernel;
@@ -24,6 +25,22 @@ const OPAQUE_DB_MM: f64 = 6.0;
 /// Loss per sample above which a tissue is opaque, units.
 pub(crate) fn opaque_units(sample_mm: f64) -> u32 {
     units(OPAQUE_DB_MM * sample_mm)
+}
+
+/// Which labels are opaque.
+pub(crate) fn are_opaque(tables: &Tables) -> [bool; 256] {
+    let opaque = opaque_units(tables.sample_mm());
+    std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque))
+}
+
+/// Leaves to samples inside opaque tissues at most the transmittance of their own scanline.
+#[inline(always)]
+pub(crate) fn cap_opaque<T: Real>(is_opaque: &[bool; 256], labels: &[u8], on_line: &[T], left: &mut [T]) {
+    for (left, (through, label)) in left.iter_mut().zip(on_line.iter().zip(labels)) {
+        if is_opaque[usize::from(*label)] {
+            *left = left.min(*through);
+        }
+    }
 }
 
 impl Shadow {
@@ -53,9 +70,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let Some(kernel) = &tables.effects.shadow.penumbra else {
         return;
     };
-    let opaque = opaque_units(tables.sample_mm());
-    let is_opaque: [bool; 256] =
-        std::array::from_fn(|label| tables.label_rows.get(label).is_some_and(|row| row.loss >= opaque));
+    let is_opaque = are_opaque(tables);
     let through = &store.amplitude_next[..lines * samples];
     for_each(
         (
@@ -98,10 +113,9 @@ impl<T: Real> Kernel for Scanline<'_, T> {
             let mut mean = [T::zero(); BLOCK];
             let mean = &mut mean[..amplitudes.len()];
             self.kernel.mean(self.through, self.line_and_count, block * BLOCK, mean);
-            for i in 0..amplitudes.len() {
-                let opaque = self.is_opaque[usize::from(labels[i])];
-                let left = if opaque { through[i].min(mean[i]) } else { mean[i] };
-                amplitudes[i] *= left * left;
+            cap_opaque(self.is_opaque, labels, through, mean);
+            for (amplitude, left) in amplitudes.iter_mut().zip(mean) {
+                *amplitude *= *left * *left;
             }
         }
     }

@@ -105,11 +105,11 @@ pub(crate) fn carry_looks(step: &Step, slack: &mut Slack) {
         return slack.fault("speckle without tables");
     };
     let steered = crate::effects::compound::steered(step.tables);
-    let gains = &speckle.turns.of::<f64>()[..steered * step.samples()];
+    let gains = &speckle.phasors.of::<f64>()[..steered * step.samples()];
     let gain = gains.iter().copied().fold(1.0, f64::max);
     // Gain, cosine and sine stored (1/2 each), three products, a sum.
-    let turned = envelopes(step, slack, speckle).into_iter();
-    slack.looks = turned
+    let looks = envelopes(step, slack, speckle).into_iter();
+    slack.looks = looks
         .map(|[off, size]| [gain * (off + 5.0 * ULP * size), gain * size])
         .collect();
 }

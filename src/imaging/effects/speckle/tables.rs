@@ -2,7 +2,7 @@
 
 use super::elevation::Elevation;
 use super::power::{correlations, lattice_correlation, power, restored, unit_power};
-use crate::effects::compound::{Steering, turned};
+use crate::effects::compound::{Steering, gains_and_phasors};
 use crate::effects::lateral::{FWHM_PER_SIGMA, LateralKernel, MAX_REACH};
 use crate::effects::point_spread::{PointSpread, Shape};
 use insonify_base::parallel;
@@ -38,9 +38,9 @@ pub struct SpeckleTables {
     /// Factors that compensate for the truncation of the lateral kernel at the outermost scanlines: from either side
     /// inwards, scanline by scanline, each a row over the sample depths.
     pub edges: Numbers,
-    /// Gains and turns of the steered looks of `compound`: per look a row over the samples, then per look and fine
+    /// Gains and phasors of the steered looks of `compound`: per look a row over the samples, then per look and fine
     /// scanline cosine and sine.
-    pub turns: Numbers,
+    pub phasors: Numbers,
 }
 
 /// Distance of lattice points over the shortest standard deviation of the point spread. Linear interpolation between
@@ -162,13 +162,13 @@ impl SpeckleTables {
         });
         let edges = (0..edge_lines).flat_map(|line| edges_by_depth.iter().map(move |edges| edges[line]));
         let edges = Numbers::new(edges.collect());
-        let turns = steering.map(|steering| {
+        let phasors = steering.map(|steering| {
             let power_of = |sample: usize, turn: f64| {
                 let across = across(sample, &rows[sample]).into_iter().enumerate();
                 let in_phase: Vec<f64> = across.map(|(apart, c)| c * (turn * apart as f64).cos()).collect();
                 power(&rows[sample], &in_phase)
             };
-            turned(steering, [grid.samples(), fine_lines, oversampling], power_of)
+            gains_and_phasors(steering, [grid.samples(), fine_lines, oversampling], power_of)
         });
         Self {
             spread,
@@ -183,7 +183,7 @@ impl SpeckleTables {
             specular: Numbers::new(specular),
             lateral,
             edges,
-            turns: turns.unwrap_or_default(),
+            phasors: phasors.unwrap_or_default(),
         }
     }
 
