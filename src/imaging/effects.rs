@@ -119,10 +119,25 @@ impl Effect {
     };
 }
 
+/// What a scanner does to an image beside log compression. It decides which effects are usual.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "kebab-case")]
+pub enum Scanner {
+    /// Nothing: frames of one look.
+    #[default]
+    Raw,
+    /// What those in clinics do: spatial compounding and speckle reduction.
+    Clinical,
+}
+
+impl Scanner {
+    const ALL: &[Self] = &[Self::Raw, Self::Clinical];
+}
+
 /// Parameters of an effect that a scene may do without.
 pub trait Parameters: Default + Ranges {
-    /// Whether it is among the usual effects.
-    const USUAL: bool = true;
+    /// Scanners that have it among their usual effects.
+    const USUAL: &[Scanner] = Scanner::ALL;
 
     /// Checks what the ranges of single numbers do not say.
     fn check_others(&self) -> Result<(), OutOfRange> {
@@ -140,14 +155,14 @@ pub(crate) trait Setting: Default {
         effect: &'static str,
         stated: Option<&Self::Stated>,
         listed: Option<bool>,
-        excluding: bool,
+        usual: Option<Scanner>,
     ) -> Result<(Self, Option<Origin>), Contradiction>;
 
     /// Form of this value in a scene file; `None` if the file need not state it.
     fn stated(&self) -> Option<Self::Stated>;
 
-    /// Its value among the usual effects.
-    fn usual() -> Self;
+    /// Its value among the usual effects of a scanner.
+    fn usual(scanner: Scanner) -> Self;
 
     /// Its value among all effects.
     fn all() -> Self;
@@ -165,21 +180,21 @@ impl<P: Parameters + Clone> Setting for Option<P> {
         effect: &'static str,
         stated: Option<&Stated<P>>,
         listed: Option<bool>,
-        excluding: bool,
+        usual: Option<Scanner>,
     ) -> Result<(Self, Option<Origin>), Contradiction> {
-        let (parameters, origin) = table::resolved(effect, stated, listed, excluding)?;
+        let (parameters, origin) = table::resolved(effect, stated, listed, usual)?;
         Ok((parameters, Some(origin)))
     }
 
     fn stated(&self) -> Option<Stated<P>> {
         match self {
             Some(parameters) => Some(Stated::With(parameters.clone())),
-            None => P::USUAL.then_some(Stated::Switch(false)),
+            None => (!P::USUAL.is_empty()).then_some(Stated::Switch(false)),
         }
     }
 
-    fn usual() -> Self {
-        P::USUAL.then(P::default)
+    fn usual(scanner: Scanner) -> Self {
+        P::USUAL.contains(&scanner).then(P::default)
     }
 
     fn all() -> Self {
@@ -275,12 +290,12 @@ macro_rules! registry {
         }
 
         impl EffectsTable {
-            /// Effects that the table calls for, and their origins; with `excluding` those that it does not name are
-            /// off.
+            /// Effects that the table calls for, and their origins: beside those that it names the usual ones of a
+            /// scanner, or with `None` no others.
             ///
             /// # Errors
             /// An effect that it both calls for and leaves out.
-            pub(crate) fn resolve(&self, excluding: bool) -> Result<(Effects, Origins), Contradiction> {
+            pub(crate) fn resolve(&self, usual: Option<Scanner>) -> Result<(Effects, Origins), Contradiction> {
                 let mut origins = Origins::new();
                 let effects = Effects {
                     $($name: {
@@ -290,7 +305,7 @@ macro_rules! registry {
                             effect,
                             self.$name.as_ref(),
                             listed,
-                            excluding,
+                            usual,
                         )?;
                         origins.extend(origin.map(|origin| (effect, origin)));
                         setting
@@ -309,12 +324,18 @@ macro_rules! registry {
                 }
             }
 
-            /// Returns the usual effects with their default parameters: all but additive noise, which duplicates what
-            /// speckle does physically, and blur, compounding and speckle reduction, which even speckle out.
-            pub fn usual() -> Self {
+            /// Returns the usual effects of a scanner with their default parameters: all but additive noise, which
+            /// duplicates what speckle does physically, and blur; of a raw one neither compounding nor speckle
+            /// reduction.
+            pub fn of(scanner: Scanner) -> Self {
                 Self {
-                    $($name: Setting::usual(),)+
+                    $($name: Setting::usual(scanner),)+
                 }
+            }
+
+            /// Returns the usual effects of a raw scanner.
+            pub fn usual() -> Self {
+                Self::of(Scanner::Raw)
             }
 
             /// Returns every effect with its default parameters.

@@ -188,6 +188,7 @@ impl Plan {
             origin: match (planned.needed_by, origins.get(planned.effect)) {
                 (Some(other), _) => format!("needed by {other}"),
                 (None, Some(Origin::Usual)) => "usual".to_owned(),
+                (None, Some(Origin::Scanner)) => "clinical".to_owned(),
                 (None, _) => "named".to_owned(),
             },
             reason: planned.reason.clone(),
@@ -223,7 +224,7 @@ pub struct NamedPass {
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
-    /// Origin: `usual`, `named`, or `needed by` something else.
+    /// Origin: `usual`, `clinical` (usual with that scanner), `named`, or `needed by` something else.
     pub origin: String,
     /// Why the scene calls for it.
     pub reason: String,

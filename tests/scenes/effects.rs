@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 
 use insonify_imaging::effects::table::Origin;
-use insonify_imaging::effects::{Effect, Effects, EffectsTable, LISTED};
+use insonify_imaging::effects::{Effect, Effects, EffectsTable, LISTED, Scanner};
 use insonify_imaging::plan::{Plan, PlanReport};
 use insonify_imaging::scene::Scene;
 use insonify_imaging::synth::tables::Tables;
@@ -30,6 +30,11 @@ fn on(effects: &Effects) -> BTreeSet<String> {
     let keys = table.as_object().expect("a table").iter();
     let on = keys.filter(|(name, value)| *name != "slice" && !value.is_null());
     on.map(|(name, _)| name.clone()).collect()
+}
+
+/// Usual effects of a scene with a curvilinear probe.
+fn usual() -> Effects {
+    Effects::of(Scanner::Clinical)
 }
 
 fn listed<'a>(names: impl IntoIterator<Item = &'a String>) -> String {
@@ -72,7 +77,7 @@ fn reason<'a>(report: &'a PlanReport, effect: &str) -> Option<&'a str> {
 fn an_effect_that_is_false_is_one_that_only_does_not_list() {
     // Solid textures take seconds to make; they are left out beside every other effect.
     let off = |name: &str| scene("", &format!("[effects]\ntexture = false\n{name} = false"));
-    let usual = on(&Effects::usual());
+    let all = on(&usual());
     for effect in effects() {
         let name = effect.name;
         let excluded = if name == "texture" {
@@ -80,7 +85,7 @@ fn an_effect_that_is_false_is_one_that_only_does_not_list() {
         } else {
             off(name)
         };
-        let kept = usual.iter().filter(|kept| *kept != name && *kept != "texture");
+        let kept = all.iter().filter(|kept| *kept != name && *kept != "texture");
         let only = scene("", &format!("[effects]\nonly = {}", listed(kept)));
         assert_eq!(excluded.settings, only.settings, "{name}");
         assert!(!on(&excluded.settings.effects).contains(name));
@@ -112,7 +117,7 @@ fn a_list_of_nothing_leaves_what_every_frame_needs() {
     );
     let synthesizer = synthesizer(&nothing);
     let expected = Effects {
-        slice: Effects::usual().slice,
+        slice: usual().slice,
         ..Effects::default()
     };
     assert_eq!(nothing.settings.effects, expected);
@@ -136,25 +141,96 @@ fn a_list_of_nothing_leaves_what_every_frame_needs() {
 /// A key of an effect changes that key, and nothing else.
 #[test]
 fn keys_change_what_they_name() {
-    let usual = scene("", "");
-    assert_eq!(usual.settings.effects, Effects::usual());
+    let plain = scene("", "");
+    assert_eq!(plain.settings.effects, usual());
     let louder = scene("", "[effects.tone]\ngain_db = 6");
-    let mut expected = Effects::usual();
+    let mut expected = usual();
     expected.tone.as_mut().expect("tone").gain_db = 6.0;
     assert_eq!(louder.settings.effects, expected);
-    assert_eq!(contents(&plan(&louder)), contents(&plan(&usual)));
+    assert_eq!(contents(&plan(&louder)), contents(&plan(&plain)));
     let voted = scene("", "effects.slice.boundary = \"vote\"").settings.effects;
-    assert_eq!(voted.slice.beyond, Effects::usual().slice.beyond);
-    assert!(voted.slice != Effects::usual().slice);
+    assert_eq!(voted.slice.beyond, usual().slice.beyond);
+    assert!(voted.slice != usual().slice);
     for effect in effects() {
         let name = effect.name;
         let named = scene("", &format!("effects.{name} = true"));
-        let mut all = on(&Effects::usual());
+        let mut all = on(&usual());
         all.insert(name.to_owned());
         assert_eq!(on(&named.settings.effects), all);
         assert_eq!(named.origins[name], Origin::Named);
         let keyed = scene("", &format!("effects.{name} = {{}}"));
         assert_eq!(keyed.settings.effects, named.settings.effects, "{name}");
+    }
+}
+
+/// The scanner follows from the probe, unless the scene states it, or all of its effects.
+#[test]
+fn the_scanner_decides_on_compounding_and_speckle_reduction() {
+    let has = |version: &str, more: &str| {
+        let effects = scene(version, more).settings.effects;
+        [effects.compound.is_some(), effects.speckle_reduction.is_some()]
+    };
+    for clinical in [
+        "",
+        "scanner = \"clinical\"",
+        "effects.tone.gain_db = 6",
+        "effects.noise = true",
+    ] {
+        assert_eq!(has("version = 2", clinical), [true; 2], "{clinical}");
+    }
+    let linear = "[probe]\nkind = \"linear\"";
+    for raw in ["scanner = \"raw\"", linear, "effects.only = [\"tone\"]"] {
+        assert_eq!(has("version = 2", raw), [false; 2], "{raw}");
+    }
+    assert_eq!(has("version = 1", ""), [false; 2]);
+    assert_eq!(has("version = 2\nscanner = \"clinical\"", linear), [true; 2]);
+    // Each number by itself.
+    assert_eq!(has("scanner = \"raw\"", "effects.compound = true"), [true, false]);
+    assert_eq!(has("", "effects.compound = false"), [false, true]);
+    let nine = scene("", "effects.compound.looks = 9");
+    assert_eq!(
+        nine.settings.effects.compound.as_ref().map(|compound| compound.looks),
+        Some(9)
+    );
+    assert!(nine.settings.effects.speckle_reduction.is_some());
+
+    let plain = scene("", "");
+    let report = plan(&plain).report(&plain.origins);
+    let origin = |effect: &str| {
+        let pass = report.passes.iter().find(|pass| pass.effect == effect);
+        pass.map(|pass| &*pass.origin)
+    };
+    assert_eq!(
+        ["compound", "speckle_reduction", "shadow"].map(origin),
+        [Some("clinical"), Some("clinical"), Some("usual")]
+    );
+    // The file that a scene writes is the same scene.
+    let again = plain.file.clone().resolve(".".as_ref()).expect("the file as filled in");
+    assert_eq!(again.settings, plain.settings);
+}
+
+/// A scanner that a scene names and that changes nothing is told, and so is compounding that has nothing to compound.
+#[test]
+fn processing_that_does_nothing_is_told() {
+    let only = scene("scanner = \"clinical\"", "effects.only = [\"tone\"]");
+    assert!(
+        only.notes.iter().any(|note| note.contains("adds nothing")),
+        "{:?}",
+        only.notes
+    );
+    let phased = "[probe]\nkind = \"phased\"\n";
+    for (more, told) in [
+        (format!("{phased}[effects]\ncompound = true"), true),
+        ("effects = { compound = true, speckle = false }".to_owned(), true),
+        ("effects.speckle = false".to_owned(), false),
+        (String::new(), false),
+    ] {
+        let scene = scene("version = 2", &more);
+        let warned = scene
+            .warnings
+            .iter()
+            .any(|warning| warning.contains("`effects.compound` does nothing"));
+        assert_eq!(warned, told, "{more}: {:?}", scene.warnings);
     }
 }
 
@@ -187,7 +263,7 @@ fn a_file_without_a_version_is_told_what_changed() {
         let now = scene("version = 2", &format!("[effects]\n{table}\n{keys}"));
         let before = scene("version = 1", &format!("[effects]\n{table}"));
         assert_eq!(now.settings, before.settings, "{note}");
-        let missing = on(&Effects::usual()).into_iter().filter(|name| name != effect.name);
+        let missing = on(&usual()).into_iter().filter(|name| name != effect.name);
         for name in missing {
             assert!(note.contains(&name), "{name}: {note}");
         }

@@ -20,7 +20,7 @@ use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::lateral::{BLOCK, FWHM_PER_SIGMA, LateralKernel, narrowed};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::{
-    Effect, EffectTables, Parameters, Stage,
+    Effect, EffectTables, Parameters, Scanner, Stage,
     Wanted::{self, No, Yes},
 };
 use crate::synth::SynthError;
@@ -45,7 +45,7 @@ parameters! {
 
 impl Parameters for Blur {
     // What moves the beam sideways is part of the point spread: a mean of envelopes evens speckle out.
-    const USUAL: bool = false;
+    const USUAL: &[Scanner] = &[];
 }
 
 impl Blur {

@@ -34,7 +34,7 @@ use super::shadow::penumbra::{are_opaque, cap_opaque, opaque_units};
 use super::shadow::{self, APERTURE_SHIFTS, PENUMBRA_KERNEL};
 use super::speckle::{AXIAL_KERNEL, SCATTER};
 use super::{
-    Effect, EffectTables, OutOfRange, Parameters, Stage,
+    Effect, EffectTables, OutOfRange, Parameters, Scanner, Stage,
     Wanted::{self, No, Yes},
 };
 use crate::synth::SynthError;
@@ -51,14 +51,14 @@ parameters! {
     /// Spatial compounding.
     pub struct Compound {
         /// Number of looks, odd.
-        looks: u32 = 3, in 3..=9;
+        looks: u32 = 5, in 3..=9;
         /// Angle at which the outermost looks leave the array, degrees from its normal.
         angle_deg: f64 = 8.0, in 1..=20;
     }
 }
 
 impl Parameters for Compound {
-    const USUAL: bool = false;
+    const USUAL: &[Scanner] = &[Scanner::Clinical];
 
     fn check_others(&self) -> Result<(), OutOfRange> {
         let holds = self.looks % 2 == 1;
@@ -123,8 +123,8 @@ pub(crate) fn steps(look: usize) -> i32 {
     if look.is_multiple_of(2) { -away } else { away }
 }
 
-/// Why a scene that names compounding cannot have it.
-fn obstacle(settings: &Settings, grid: &BeamGrid) -> Option<&'static str> {
+/// Why a scene with compounding has nothing to compound.
+pub(crate) fn obstacle(settings: &Settings, grid: &BeamGrid) -> Option<&'static str> {
     if settings.effects.speckle.is_none() {
         Some("the scene names no speckle")
     } else if grid.virtual_apex_mm() == Some(0.0) || grid.lines() == 1 {
@@ -151,16 +151,6 @@ pub(crate) const EFFECT: Effect = Effect {
         }
     },
     buffers: &[&LOOK_SHIFTS],
-    warnings: |tables| {
-        let compound = tables.settings.effects.compound.as_ref();
-        let obstacle = compound.and_then(|_| obstacle(&tables.settings, &tables.grid));
-        obstacle
-            .map(|obstacle| {
-                format!("effects.compound does nothing: {obstacle}; it compounds speckle of linear and curved arrays")
-            })
-            .into_iter()
-            .collect()
-    },
     remove: Some(|_, settings| settings.effects.compound = None),
     ..Effect::PLAIN
 };

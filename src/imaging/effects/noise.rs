@@ -19,7 +19,7 @@ mod physics;
 use super::buffers::{IMAGE, SCAN_MAP};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::{
-    Effect, Parameters, Stage,
+    Effect, Parameters, Scanner, Stage,
     Wanted::{self, No, Yes},
 };
 use crate::synth::store::Store;
@@ -39,7 +39,7 @@ parameters! {
 }
 
 impl Parameters for Noise {
-    const USUAL: bool = false;
+    const USUAL: &[Scanner] = &[];
 }
 
 /// Registry entry.

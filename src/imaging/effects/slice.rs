@@ -26,7 +26,7 @@ use super::common::rows;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::table::{Contradiction, Origin};
 use super::{
-    Effect, Setting, Stage,
+    Effect, Scanner, Setting, Stage,
     Wanted::{self, Yes},
 };
 use crate::synth::store::Store;
@@ -67,10 +67,10 @@ impl Setting for Slice {
         _: &'static str,
         stated: Option<&Table>,
         _: Option<bool>,
-        excluding: bool,
+        usual: Option<Scanner>,
     ) -> Result<(Self, Option<Origin>), Contradiction> {
         let stated = stated.copied().unwrap_or_default();
-        let open = if excluding { Self::default() } else { Self::usual() };
+        let open = usual.map_or_else(Self::default, <Self as Setting>::usual);
         let slice = Self {
             boundary: stated.boundary.unwrap_or(open.boundary),
             beyond: stated.beyond.unwrap_or(open.beyond),
@@ -85,7 +85,7 @@ impl Setting for Slice {
         })
     }
 
-    fn usual() -> Self {
+    fn usual(_: Scanner) -> Self {
         Self {
             beyond: Beyond::Continue,
             ..Self::default()
@@ -93,7 +93,7 @@ impl Setting for Slice {
     }
 
     fn all() -> Self {
-        Self::usual()
+        Self::usual(Scanner::Raw)
     }
 }
 

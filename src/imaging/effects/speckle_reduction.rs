@@ -26,7 +26,7 @@ use super::buffers::{AMPLITUDE, AMPLITUDE_NEXT, Buffer, bytes_of};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread};
 use super::{
-    Effect, Parameters, Stage,
+    Effect, Parameters, Scanner, Stage,
     Wanted::{self, No, Yes},
 };
 use crate::synth::SynthError;
@@ -52,7 +52,7 @@ parameters! {
 }
 
 impl Parameters for SpeckleReduction {
-    const USUAL: bool = false;
+    const USUAL: &[Scanner] = &[Scanner::Clinical];
 }
 
 /// Samples of a line to each side, and those of them that are averaged.

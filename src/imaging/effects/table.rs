@@ -10,7 +10,7 @@ use serde::de::{Deserializer, Error, MapAccess, Visitor};
 use serde::{Deserialize, Serialize};
 
 use super::slice::Beyond;
-use super::{Effects, EffectsTable};
+use super::{Effects, EffectsTable, Scanner};
 
 /// An effect in a scene file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -50,6 +50,8 @@ impl<'de, P: Deserialize<'de>> Deserialize<'de> for Stated<P> {
 pub enum Origin {
     /// One of the usual effects.
     Usual,
+    /// One of the usual effects of the scene's scanner, but not of every scanner.
+    Scanner,
     /// The scene names it.
     Named,
     /// The scene says `false`.
@@ -65,13 +67,13 @@ pub enum Origin {
 impl Origin {
     /// Whether the effect is in the scene.
     pub(crate) fn is_on(self) -> bool {
-        matches!(self, Self::Usual | Self::Named)
+        matches!(self, Self::Usual | Self::Scanner | Self::Named)
     }
 
     /// Reason why an effect is not in a scene; `None` if it is.
     pub(crate) fn absence(self, effect: &str) -> Option<String> {
         match self {
-            Self::Usual | Self::Named => None,
+            Self::Usual | Self::Scanner | Self::Named => None,
             Self::Off => Some(format!("left out by `{effect} = false`")),
             Self::Unlisted => Some("not in `only`".to_owned()),
             Self::Unusual => Some("not usual; name it to have it".to_owned()),
@@ -93,7 +95,7 @@ pub struct Contradiction {
 }
 
 /// Parameters of an effect in a scene, if it has it, and their origin. `listed` says whether `only`, if the scene has
-/// it, lists the effect; with `excluding` an effect that is not stated is off.
+/// it, lists the effect; `usual` is the scanner whose usual effects it has.
 ///
 /// # Errors
 /// [`Contradiction`] between what is stated and `only`.
@@ -101,7 +103,7 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
     effect: &'static str,
     stated: Option<&Stated<P>>,
     listed: Option<bool>,
-    excluding: bool,
+    usual: Option<Scanner>,
 ) -> Result<(Option<P>, Origin), Contradiction> {
     let contradiction = |is_listed| Err(Contradiction { effect, is_listed });
     match (stated, listed) {
@@ -111,22 +113,25 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
         (Some(Stated::Switch(true)), _) | (None, Some(true)) => Ok((Some(P::default()), Origin::Named)),
         (Some(Stated::Switch(false)), _) => Ok((None, Origin::Off)),
         (None, Some(false)) => Ok((None, Origin::Unlisted)),
-        (None, None) if excluding => Ok((None, Origin::Unnamed)),
-        (None, None) if P::USUAL => Ok((Some(P::default()), Origin::Usual)),
-        (None, None) => Ok((None, Origin::Unusual)),
+        (None, None) => Ok(match usual {
+            None => (None, Origin::Unnamed),
+            Some(scanner) if !P::USUAL.contains(&scanner) => (None, Origin::Unusual),
+            Some(_) if P::USUAL == Scanner::ALL => (Some(P::default()), Origin::Usual),
+            Some(_) => (Some(P::default()), Origin::Scanner),
+        }),
     }
 }
 
 impl EffectsTable {
     /// Note about the change with version 2 for a table without a version: effects that it left out before, and the
     /// keys that leave them out now. `None` if nothing changes, or the table cannot be older.
-    pub(crate) fn formerly(&self) -> Option<String> {
+    pub(crate) fn formerly(&self, scanner: Scanner) -> Option<String> {
         let keys = serde_json::to_value(self).ok()?;
         let is_newer = |value: &serde_json::Value| value.is_boolean();
         if self.only.is_some() || keys.as_object()?.values().any(is_newer) {
             return None;
         }
-        let [(_, now), (_, before)] = [self.resolve(false).ok()?, self.resolve(true).ok()?];
+        let [(_, now), (_, before)] = [self.resolve(Some(scanner)).ok()?, self.resolve(None).ok()?];
         let having = |origins: &Origins| -> Vec<&'static str> {
             let on = origins.iter().filter(|(_, origin)| origin.is_on());
             on.map(|(name, _)| *name).collect()

@@ -3,8 +3,8 @@
 use super::At;
 use super::doubts;
 use super::file::{SceneFile, VolumeSpec};
-use crate::effects::Effects;
 use crate::effects::table::{Contradiction, Origin, Origins};
+use crate::effects::{Effects, Scanner};
 use crate::synth::tables::ImageSize;
 use insonify_anatomy::phantom::{self, Phantom};
 use insonify_base::document::InputError;
@@ -22,6 +22,7 @@ pub(super) struct Framing {
     pub open_depth: bool,
     pub grid: BeamGrid,
     pub image: ImageSize,
+    pub scanner: Scanner,
     pub effects: Effects,
     pub origins: Origins,
 }
@@ -62,7 +63,7 @@ impl SceneFile {
             let key = error.key().map_or("image".to_owned(), |key| format!("image.{key}"));
             self.fault(key, error)
         })?;
-        let (effects, origins) = self.called_for(notes)?;
+        let (scanner, effects, origins) = self.called_for(probe.shape.kind(), notes)?;
         effects
             .validate()
             .map_err(|error| self.fault(format!("effects.{}", error.key), error))?;
@@ -72,6 +73,7 @@ impl SceneFile {
             open_depth: stated.depth_mm.is_none() && volume.phantom.is_none(),
             grid,
             image,
+            scanner,
             effects,
             origins,
         })
@@ -109,15 +111,31 @@ impl SceneFile {
         })
     }
 
-    /// Effects that the scene calls for, and their origins.
-    fn called_for(&self, notes: &mut Notes) -> Result<(Effects, Origins), InputError> {
+    /// Scanner and effects that the scene calls for, and their origins.
+    fn called_for(&self, kind: ProbeKind, notes: &mut Notes) -> Result<(Scanner, Effects, Origins), InputError> {
         let table = self.effects.clone().unwrap_or_default();
         // Without `[effects]` a scene of any version has the usual ones: keys that are only set change those alone.
         let is_stated = self.effects.is_some() && self.source.as_ref().is_none_or(|source| source.states("effects"));
-        let excluding = is_stated && self.version.is_some_and(|version| version.number() == 1);
-        let (effects, origins) = table.resolve(excluding).map_err(|error| self.contradiction(error))?;
+        let is_old = self.version.is_some_and(|version| version.number() == 1);
+        let excluding = is_stated && is_old;
+        let scanner = self.scanner.unwrap_or_else(|| {
+            if kind == ProbeKind::Curvilinear && !is_old && table.only.is_none() {
+                Scanner::Clinical
+            } else {
+                Scanner::Raw
+            }
+        });
+        let (effects, origins) = table
+            .resolve((!excluding).then_some(scanner))
+            .map_err(|error| self.contradiction(error))?;
         if is_stated && self.version.is_none() {
-            notes.extend(table.formerly());
+            notes.extend(table.formerly(scanner));
+        }
+        let is_exact = excluding || table.only.is_some();
+        if self.scanner == Some(Scanner::Clinical) && is_exact {
+            notes.push(
+                "`scanner = \"clinical\"` adds nothing, as `[effects]` names all effects of the scene".to_owned(),
+            );
         }
         // A picture without log compression looks like a fault; who says `tone = false` means it.
         let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));
@@ -126,7 +144,7 @@ impl SceneFile {
                 "the log compression of `tone` is off, as `[effects]` names others: grey levels are linear in amplitude".to_owned(),
             );
         }
-        Ok((effects, origins))
+        Ok((scanner, effects, origins))
     }
 
     fn contradiction(&self, Contradiction { effect, is_listed }: Contradiction) -> InputError {

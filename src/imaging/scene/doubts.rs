@@ -7,8 +7,10 @@ use super::motion::Needle;
 use super::paths::NeedleTable;
 use super::resolve::{UNITS, scaled, sees};
 use super::target::Body;
+use crate::effects::compound;
 use crate::effects::shadow::SOFT_TISSUE_DB_CM_MHZ;
 use crate::effects::shadow::downshift::Downshift;
+use crate::effects::table::Origin;
 use insonify_anatomy::volume::LabelVolume;
 use insonify_base::parallel;
 use insonify_base::text::some_of;
@@ -221,6 +223,18 @@ impl Scene {
             "the needle comes from within the body and points out of it: are its entry and its tip exchanged?"
                 .to_owned()
         })
+    }
+
+    /// Doubt about compounding that the scene names and cannot have.
+    pub(super) fn idle_compounding(&self) -> Option<String> {
+        if self.origins.get("compound") != Some(&Origin::Named) {
+            return None;
+        }
+        let grid = BeamGrid::new(&self.settings.probe).ok()?;
+        let obstacle = compound::obstacle(&self.settings, &grid)?;
+        Some(format!(
+            "`effects.compound` does nothing: {obstacle}; it compounds speckle of linear and curved arrays"
+        ))
     }
 
     /// Doubt about a needle that no frame shows, as it stays beside what is imaged.

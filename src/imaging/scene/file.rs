@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use super::deform::DeformSpec;
 use super::paths::{MotionSpec, NeedleTable};
 use super::vary::Randomise;
-use crate::effects::EffectsTable;
+use crate::effects::{EffectsTable, Scanner};
 use crate::quality::QualitySpec;
 use insonify_anatomy::acoustics::{Preset, TissueOverride};
 use insonify_anatomy::phantom::Phantom;
@@ -87,6 +87,10 @@ pub struct SceneFile {
     /// Solid textures from files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub texture: Vec<TextureSpec>,
+    /// Processing by the scanner, which decides on the usual effects. Default: `clinical` with a curvilinear probe,
+    /// unless `version` is 1 or `effects.only` lists the effects; otherwise `raw`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub scanner: Option<Scanner>,
     /// Changes of the usual effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub effects: Option<EffectsTable>,

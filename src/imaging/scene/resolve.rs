@@ -195,6 +195,7 @@ impl SceneFile {
             blind,
         };
         scene.warnings.extend(scene.unseen_needle());
+        scene.warnings.extend(scene.idle_compounding());
         scene.warnings.extend(self.needle.as_ref().and_then(doubts::of_needle));
         scene.warnings.extend(scene.reversed_needle());
         Ok(scene)
@@ -255,6 +256,7 @@ impl SceneFile {
             probe: Some(ProbeSpec::from(framing.probe)),
             image: Some(self.image.unwrap_or_default()),
             version: Some(Version::NEWEST),
+            scanner: Some(framing.scanner),
             effects: Some((&framing.effects).into()),
             source: None,
             ..self.clone()

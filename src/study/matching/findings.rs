@@ -8,6 +8,7 @@ use super::{EstimatedParameter, ROUNDS, SETTLED, Unidentified, WindowMeasurement
 use crate::realism::texture::{Patch, Texture, Window};
 use insonify_anatomy::phantom::Phantom;
 use insonify_base::statistics::{median, std};
+use insonify_imaging::effects::Scanner;
 use insonify_imaging::effects::receiver::CLUTTER_DB;
 use insonify_imaging::scene::{ImageSpec, SceneFile, Version, VolumeSpec};
 use insonify_tracking::probe::ProbeSpec;
@@ -54,6 +55,7 @@ impl Bench<'_> {
             margin: 0.0,
             ..ImageSpec::default()
         });
+        scene.scanner = Some(Scanner::Raw);
         scene.effects = Some((&model.effects()).into());
         scene
     }
