@@ -439,7 +439,7 @@ registry! {
         derives shadow::Derived, columns shadow::Columns<T>;
     refraction: Option<Refraction>
         = "Refraction where the speed of sound changes: dark lines under the edges of cysts, vessels and organs.",
-        derives refraction::Derived, columns refraction::Columns;
+        derives refraction::Derived, columns refraction::Columns<T>;
     blur: Option<Blur> = "Radial blur about the probe's virtual apex.",
         derives blur::Derived;
     haze: Option<Haze> = "Diffuse echoes that reach the array by other paths than the beam: what is dark beside tissue is not black.",

@@ -11,7 +11,7 @@
 //! the array, the others are averaged.
 //!
 //! This takes less than to render every look whole: places, tissues, surfaces and needles, the direction of speckle,
-//! refraction, mirror images and repeats are those of the middle look, and paths as long as its.
+//! mirror images and repeats are those of the middle look, and paths as long as its.
 //!
 //! ```toml
 //! effects.compound = { looks = 5 }
@@ -103,6 +103,18 @@ impl Steering {
         2 * self.on_side
     }
 
+    /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
+    /// samples.
+    pub(crate) fn shifts(&self, grid: &BeamGrid) -> Vec<i32> {
+        let fan = Fan::of(grid);
+        let row = |steps: usize| {
+            let fan = &fan;
+            let ray = steps as f64 * self.step;
+            (0..grid.samples()).map(move |sample| fan.shift(ray, grid.sample_depth_mm(sample), grid).round() as i32)
+        };
+        (0..=self.on_side).flat_map(row).collect()
+    }
+
     /// Phase that the scatterers of a look gain from one scanline to the next, of `oversampling` to a scanline,
     /// radians. Where scanlines are too far apart to tell the looks from one another, their phases are spread evenly.
     pub(crate) fn phase(&self, number: i32, oversampling: usize) -> f64 {
@@ -160,8 +172,7 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Number of looks besides the middle one.
     pub steered: usize,
-    /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
-    /// samples.
+    /// [`Steering::shifts`].
     pub shifts: Vec<i32>,
 }
 
@@ -178,15 +189,9 @@ pub(crate) fn derive(_: &Anatomy, (steering, grid): &Key) -> Result<Derived, Syn
     let Some(steering) = steering else {
         return Ok(Derived::default());
     };
-    let fan = Fan::of(grid);
-    let shift = |steps: usize, sample: usize| {
-        let ray = steps as f64 * steering.step;
-        fan.shift(ray, grid.sample_depth_mm(sample), grid).round() as i32
-    };
-    let shifts = (0..=steering.on_side).flat_map(|steps| (0..grid.samples()).map(move |sample| (steps, sample)));
     Ok(Derived {
         steered: steering.steered(),
-        shifts: shifts.map(|(steps, sample)| shift(steps, sample)).collect(),
+        shifts: steering.shifts(grid),
     })
 }
 
@@ -203,9 +208,16 @@ fn shifts(tables: &Tables, is_shaded: bool, look: usize) -> (i32, &[i32]) {
     } else {
         (&effects.compound.shifts, 1)
     };
-    let (steps, samples) = (steps(look), tables.samples());
-    let row = steps.unsigned_abs() as usize * to_next;
-    (steps.signum(), &rows[row * samples..][..samples])
+    let samples = tables.samples();
+    shift_row(&rows[..], to_next * samples, look, samples)
+}
+
+/// Side of a look, given its index among those besides the middle one, and its row of shifts: rows are `apart` from
+/// look to look.
+pub(super) fn shift_row(shifts: &[i32], apart: usize, look: usize, samples: usize) -> (i32, &[i32]) {
+    let steps = steps(look);
+    let row = steps.unsigned_abs() as usize * apart;
+    (steps.signum(), &shifts[row..][..samples])
 }
 
 /// Whether the element of a look to a sample lies on the array.

@@ -13,6 +13,10 @@
 //! so that the effect of a lens saturates at `F` beam widths: terms of the sum decay exponentially with that length,
 //! with `F_NUMBER` (2.0) for `F`.
 //!
+//! Each look of [`compound`](super::compound) has its own paths: down rays from the middles of half beam widths on the
+//! array, of which the curvature is interpolated at each place, 16 steps to half a beam width. The echo, which is the
+//! mean of the looks, takes the mean of their factors, as if all looks were as strong there.
+//!
 //! Speeds are derived from impedances, `c` proportional to the root of `Z`: within 2 % from fat (1.38 MRayl, 1450 m/s)
 //! to muscle (1.70 MRayl, 1580 m/s).
 //!
@@ -27,8 +31,10 @@ mod parity;
 #[cfg(test)]
 mod physics;
 
-use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, columns};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, bytes_of, columns};
 use super::common::spacing;
+use super::compound::{Steering, shift_row, steered};
+use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::{
     Effect, Parameters, Stage,
@@ -41,6 +47,7 @@ use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
+use insonify_base::simd::Kernel;
 use insonify_tracking::probe::BeamGrid;
 
 parameters! {
@@ -84,7 +91,11 @@ pub(crate) const EFFECT: Effect = Effect {
     stage: Stage::Beam,
     example: "effects.refraction = {}",
     wanted,
-    passes: |_| PASSES.iter().collect(),
+    passes: |tables| match steered(tables) {
+        0 => vec![&PHASE, &STRAIGHT],
+        _ => vec![&PHASE, &RAYS, &MEAN],
+    },
+    buffers: &[&REFRACTION_SHIFTS],
     label_row: Some(|_, derived, label, row| row.phase = derived.refraction.phases.get(label).copied().unwrap_or(0)),
     remove: Some(|_, settings| settings.effects.refraction = None),
     ..Effect::PLAIN
@@ -102,6 +113,8 @@ pub struct Derived {
     units_per_sample: f64,
     /// Per label index: phase increment of a sample, from 0 on, in these units.
     phases: Vec<u32>,
+    /// [`Steering::shifts`]; empty without looks to either side.
+    shifts: Vec<i32>,
 }
 
 impl Derived {
@@ -123,15 +136,16 @@ const SCANLINE: u32 = 1 << 16;
 const PARTS: u32 = 16;
 
 /// Settings on which the tables depend.
-pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid, &'a TissueTable);
+pub(crate) type Key<'a> = (Option<&'a Refraction>, &'a BeamGrid, &'a TissueTable, Option<Steering>);
 
-/// Takes parameters, grid and tissues.
+/// Takes parameters, grid, tissues and the directions of looks.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
-    (settings.effects.refraction.as_ref(), grid, tissues)
+    let refraction = settings.effects.refraction.as_ref();
+    (refraction, grid, tissues, Steering::of(settings, grid))
 }
 
 /// Fits half a beam width to the grid, and computes the phases.
-pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid, tissues): &Key) -> Result<Derived, SynthError> {
+pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid, tissues, steering): &Key) -> Result<Derived, SynthError> {
     let Some(refraction) = refraction else {
         return Ok(Derived::default());
     };
@@ -156,6 +170,7 @@ pub(crate) fn derive(anatomy: &Anatomy, &(refraction, grid, tissues): &Key) -> R
         half: fixed,
         units_per_sample,
         phases: (0..anatomy.volume.labels().len()).map(phase).collect(),
+        shifts: steering.map_or_else(Vec::new, |steering| steering.shifts(grid)),
     })
 }
 
@@ -166,38 +181,75 @@ fn phases_of_beam(tables: &Tables) -> usize {
     tables.effects.refraction.halves * tables.samples()
 }
 
+/// Data of [`Derived::shifts`] (`i32`).
+static REFRACTION_SHIFTS: Buffer = Buffer::new(274, "RefractionShifts", 4, |tables| {
+    tables.effects.refraction.shifts.len()
+})
+.derived(|_, derived| bytes_of(&derived.refraction.shifts));
+
+/// Per look, the middle one first, half beam width at the array and sample: curvature down to it (`f32`).
+static CURVATURES: Buffer = Buffer::new(276, "Curvatures", 4, curvatures_of_beam);
+
+fn curvatures_of_beam(tables: &Tables) -> usize {
+    (1 + steered(tables)) * phases_of_beam(tables)
+}
+
 columns! {
     /// Vectors of refraction.
-    pub struct Columns {
+    pub struct Columns<T> {
         /// Data of `PHASES`.
         phases: [u32; phases_of_beam] = 0, PHASES;
+        /// Data of `CURVATURES`.
+        curvatures: [T; curvatures_of_beam] = T::zero(), CURVATURES;
     }
 }
 
-static PASSES: &[Pass] = &[
-    Pass {
-        name: "refraction_phase",
-        shader: SHADER,
-        entry: "phase",
-        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&PHASES, Write)],
-        params,
-        grid: Grid::Workgroups(|tables| [tables.effects.refraction.halves as u32, 1]),
-        flips: false,
-        cpu: reference!(phases),
-        bound: bound!(Covered("by the bound of `refraction`")),
-    },
-    Pass {
-        name: "refraction",
-        shader: SHADER,
-        entry: "spread",
-        bindings: &[(&PHASES, Read), (&AMPLITUDE, WriteLine)],
-        params,
-        grid: Grid::Scanlines,
-        flips: false,
-        cpu: reference!(run),
-        bound: bound!(By(bound::carry)),
-    },
-];
+const PHASE: Pass = Pass {
+    name: "refraction_phase",
+    shader: SHADER,
+    entry: "phase",
+    bindings: const { &[(&LABEL, Read), (&LABEL_ROWS, Read), (&PHASES, Write)] },
+    params,
+    grid: Grid::Workgroups(|tables| [tables.effects.refraction.halves as u32, 1]),
+    flips: false,
+    cpu: reference!(phases),
+    bound: bound!(Covered("by the bound of `refraction`")),
+};
+
+/// Without looks to either side.
+const STRAIGHT: Pass = Pass {
+    name: "refraction",
+    entry: "straight",
+    bindings: const { &[(&PHASES, Read), (&AMPLITUDE, WriteLine)] },
+    grid: Grid::Scanlines,
+    cpu: reference!(straight),
+    bound: bound!(By(bound::carry)),
+    ..PHASE
+};
+
+/// Rays of the looks.
+const RAYS: Pass = Pass {
+    name: "refraction_rays",
+    entry: "rays",
+    bindings: const { &[(&PHASES, Read), (&REFRACTION_SHIFTS, Read), (&CURVATURES, Write)] },
+    grid: Grid::Workgroups(|tables| {
+        let looks = 1 + steered(tables);
+        [(looks * tables.effects.refraction.halves) as u32, 1]
+    }),
+    cpu: reference!(rays),
+    ..PHASE
+};
+
+/// Mean of the looks.
+const MEAN: Pass = Pass {
+    name: "refraction",
+    entry: "mean",
+    bindings: const { &[(&CURVATURES, Read), (&REFRACTION_SHIFTS, Read), (&AMPLITUDE, WriteOwn)] },
+    grid: Grid::Samples,
+    cpu: reference!(mean),
+    bound: bound!(By(bound::carry)),
+    ..PHASE
+};
 
 const SHADER: &str = include_str!("../../../shaders/refraction.wgsl");
 
@@ -245,6 +297,10 @@ block! {
         least: f32,
         /// Decay of terms per sample, as log2.
         fading: f32,
+        /// Looks besides the middle one.
+        steered: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 3],
     }
 }
 
@@ -261,6 +317,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         spreading,
         least: least(tables) as f32,
         fading: fading(tables) as f32,
+        steered: steered(tables) as u32,
+        unused: [0; 3],
     })
 }
 
@@ -308,7 +366,7 @@ fn average(tables: &Tables, half: usize, labels: &[u8], phases: &mut [u32]) {
     }
 }
 
-fn run<T: Real>(view: &View, store: &mut Store<T>) {
+fn straight<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let phases = &store.effects.refraction.phases;
@@ -327,9 +385,92 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     );
 }
 
+fn rays<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let spread = Spread::<T>::new(tables);
+    let columns = &mut store.effects.refraction;
+    let phases = &columns.phases;
+    for_each((0.., chunks_mut(&mut columns.curvatures, tables.samples())), &|(
+        ray,
+        curvatures,
+    )| {
+        spread.down_ray(tables, ray, phases, |sample, _, sum| curvatures[sample] = sum)
+    });
+}
+
+fn mean<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let (lines, samples) = (tables.lines(), tables.samples());
+    let spread = Spread::<T>::new(tables);
+    let curvatures = &store.effects.refraction.curvatures;
+    for_each(
+        (0.., chunks_mut(&mut store.amplitude[..lines * samples], samples)),
+        &|(line, amplitudes)| {
+            T::vectorised(Scanline {
+                tables,
+                spread: &spread,
+                curvatures,
+                line,
+                amplitudes,
+            });
+        },
+    );
+}
+
+/// Looks at a scanline, averaged.
+struct Scanline<'a, T> {
+    tables: &'a Tables,
+    spread: &'a Spread<T>,
+    curvatures: &'a [T],
+    line: usize,
+    amplitudes: &'a mut [T],
+}
+
+impl<T: Real> Kernel for Scanline<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run(self) {
+        for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
+            let start = block * BLOCK;
+            let (mut sum, mut count) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+            for look in 0..=steered(self.tables) {
+                let (side, shifts) = shifts(self.tables, look);
+                for i in 0..amplitudes.len() {
+                    let element = self.line as i32 - side * shifts.map_or(0, |shifts| shifts[start + i]);
+                    if (0..self.tables.lines() as i32).contains(&element) {
+                        sum[i] += self.spread.factor(look, element, start + i, self.curvatures);
+                        count[i] += T::one();
+                    }
+                }
+            }
+            for (amplitude, (sum, count)) in amplitudes.iter_mut().zip(sum.iter().zip(&count)) {
+                *amplitude *= *sum / *count;
+            }
+        }
+    }
+}
+
+/// Side of a look, the middle one first, and scanlines from its element to the samples; `None` of the middle one.
+fn shifts(tables: &Tables, look: usize) -> (i32, Option<&[i32]>) {
+    match look.checked_sub(1) {
+        None => (0, None),
+        Some(look) => {
+            let (side, row) = shift_row(
+                &tables.effects.refraction.shifts,
+                tables.samples(),
+                look,
+                tables.samples(),
+            );
+            (side, Some(row))
+        }
+    }
+}
+
 /// Focusing and defocusing of the beams of a scene.
 struct Spread<T> {
     halves: usize,
+    samples: usize,
     /// Scanlines per half beam width.
     half: T,
     /// Position of the middle of the array among the scanlines and among the half beam widths.
@@ -346,6 +487,7 @@ impl<T: Real> Spread<T> {
         let derived = &tables.effects.refraction;
         Self {
             halves: derived.halves,
+            samples: tables.samples(),
             half: T::of(derived.scanlines()),
             middles: [tables.lines(), derived.halves].map(|n| T::of(0.5 * (n as f64 - 1.0))),
             unit: T::of(unit(tables)),
@@ -360,24 +502,82 @@ impl<T: Real> Spread<T> {
     /// nearest defined curvature.
     #[inline(always)]
     fn factors<'a>(&self, line: usize, phases: impl Fn(usize) -> &'a [u32], mut each: impl FnMut(usize, T, T)) {
-        let (one, largest) = (T::one(), T::of(MAX));
-        let position = (T::of(line as f64) - self.middles[0]) / self.half + self.middles[1];
-        let first = position.truncate().clamp(1, self.halves as i32 - 3);
-        let after = (position - T::from_signed(first)).max(T::zero()).min(one);
-        let [a, b, c, d] = std::array::from_fn(|point| phases(first as usize + point - 1));
-        let curvature = |a: u32, b: u32, c: u32| T::from_signed((a as i32 - b as i32) - (b as i32 - c as i32));
+        let (first, after) = self.place(line as i32);
+        let [a, b, c, d] = std::array::from_fn(|point| phases(first + point - 1));
+        let curvature = |a, b, c| T::from_signed(curvature(a, b, c));
         let mut sum = T::zero();
         for (sample, (((a, b), c), d)) in a.iter().zip(b).zip(c).zip(d).enumerate() {
-            let depth = T::of(sample as f64);
-            let distance = (self.half * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
             let (near, far) = (curvature(*a, *b, *c), curvature(*b, *c, *d));
-            let scale = self.unit / (distance * distance);
+            let scale = self.scale(sample);
             sum = sum * self.left + (near + after * (far - near)) * scale;
-            each(
-                sample,
-                (near.abs() + far.abs()) * scale,
-                (one / (one + sum).abs()).min(largest),
-            );
+            each(sample, (near.abs() + far.abs()) * scale, factor(sum));
         }
     }
+
+    /// Half beam width whose middle is before a scanline, and how far the scanline is after it, in half beam widths:
+    /// between those with a curvature.
+    #[inline(always)]
+    fn place(&self, line: i32) -> (usize, T) {
+        let position = (T::from_signed(line) - self.middles[0]) / self.half + self.middles[1];
+        let first = position.truncate().clamp(1, self.halves as i32 - 3);
+        let after = (position - T::from_signed(first)).max(T::zero()).min(T::one());
+        (first as usize, after)
+    }
+
+    /// Term of the sum per unit of curvature.
+    #[inline(always)]
+    fn scale(&self, sample: usize) -> T {
+        let depth = T::of(sample as f64);
+        let distance = (self.half * (self.spacing[0] + self.spacing[1] * depth)).max(self.least);
+        self.unit / (distance * distance)
+    }
+
+    /// Calls `each` for every sample of a ray with its number, a bound of its term of the sum and the sum. Rays are
+    /// those of the half beam widths at the array, look by look; `phases` are those of all half beam widths.
+    #[inline(always)]
+    fn down_ray(&self, tables: &Tables, ray: usize, phases: &[u32], mut each: impl FnMut(usize, T, T)) {
+        let (side, shifts) = shifts(tables, ray / self.halves);
+        let per_part = (tables.effects.refraction.half / PARTS) as i32;
+        let parts = PARTS as i32;
+        let increment = |half: i32, sample: usize| {
+            let down = &phases[half as usize * self.samples..];
+            down[sample] - sample.checked_sub(1).map_or(0, |above| down[above])
+        };
+        let mut bent = 0i32;
+        let mut sum = T::zero();
+        for sample in 0..self.samples {
+            // A sixteenth of half a beam width is the step from place to place.
+            let aside = side * shifts.map_or(0, |shifts| shifts[sample]) * SCANLINE as i32 / per_part;
+            let position = (ray % self.halves) as i32 * parts + aside;
+            let first = (position >> PARTS.ilog2()).clamp(1, self.halves as i32 - 3);
+            let after = (position - first * parts).clamp(0, parts);
+            let [a, b, c, d] = std::array::from_fn(|point| increment(first + point as i32 - 1, sample));
+            let (near, far) = (curvature(a, b, c), curvature(b, c, d));
+            bent += near + ((far - near) >> PARTS.ilog2()) * after;
+            let term = T::from_signed(bent) * self.scale(sample);
+            sum = sum * self.left + term;
+            each(sample, term.abs(), sum);
+        }
+    }
+
+    /// Factor of a look at a sample, from the element that its ray leaves.
+    #[inline(always)]
+    fn factor(&self, look: usize, element: i32, sample: usize, curvatures: &[T]) -> T {
+        let (first, after) = self.place(element);
+        let at = (look * self.halves + first) * self.samples + sample;
+        let (near, far) = (curvatures[at], curvatures[at + self.samples]);
+        factor(near + after * (far - near))
+    }
+}
+
+/// Second difference of three phases.
+#[inline(always)]
+fn curvature(a: u32, b: u32, c: u32) -> i32 {
+    (a as i32 - b as i32) - (b as i32 - c as i32)
+}
+
+/// Factor on the amplitude of an echo.
+#[inline(always)]
+fn factor<T: Real>(sum: T) -> T {
+    (T::one() / (T::one() + sum).abs()).min(T::of(MAX))
 }

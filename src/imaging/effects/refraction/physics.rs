@@ -1,7 +1,10 @@
 //! Refraction by a cylinder across the beam, against geometrical optics.
 
+use insonify_imaging::effects::compound::Compound;
 use insonify_imaging::effects::refraction::{F_NUMBER, Refraction, index};
+use insonify_imaging::effects::speckle::Speckle;
 use insonify_imaging::synth::Backend;
+use insonify_imaging::synth::tables::{Anatomy, Settings};
 use insonify_tracking::probe::{Curvilinear, Linear, ProbeShape};
 
 use crate::support::anatomy::{self, Acoustics, Frame, PLAIN, SILENT};
@@ -15,6 +18,13 @@ const Z: [f64; 2] = [1.65, 1.55];
 
 /// Factor on the echo of every sample, scanline by scanline: linear arrays have one every 0.25 mm.
 fn factors(shape: ProbeShape, lines: u32, beam_mm: f64, backend: Backend) -> Vec<Vec<f64>> {
+    let (anatomy, settings) = cylinder(shape, lines, beam_mm);
+    let beam = beam_after(&anatomy, &settings, backend, "refraction", &scene::straight());
+    beam.amplitude.chunks(beam.samples).map(<[f64]>::to_vec).collect()
+}
+
+/// A cylinder across the beam, and what images it.
+fn cylinder(shape: ProbeShape, lines: u32, beam_mm: f64) -> (Anatomy, Settings) {
     let tissue = |impedance_mrayl| Acoustics {
         impedance_mrayl,
         ..PLAIN
@@ -25,8 +35,43 @@ fn factors(shape: ProbeShape, lines: u32, beam_mm: f64, backend: Backend) -> Vec
     });
     let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, lines, SAMPLES), scene::bare());
     settings.effects.refraction = Some(Refraction { beam_mm });
-    let beam = beam_after(&anatomy, &settings, backend, "refraction", &scene::straight());
-    beam.amplitude.chunks(beam.samples).map(<[f64]>::to_vec).collect()
+    (anatomy, settings)
+}
+
+/// The rays of a look at an angle `a` pass the cylinder as those of the middle look do `z tan a` aside, `z` below its
+/// centre.
+#[test]
+fn refraction_runs_along_each_look() {
+    let linear = ProbeShape::Linear(Linear { width_mm: 60.0 });
+    let straight = factors(linear, 241, 6.0, Backend::CpuF64);
+    let (anatomy, mut settings) = cylinder(linear, 241, 6.0);
+    settings.effects.speckle = Some(Speckle::default());
+    settings.effects.compound = Some(Compound {
+        looks: 3,
+        angle_deg: 8.0,
+    });
+    let [without, with] = ["compound", "refraction"]
+        .map(|effect| beam_after(&anatomy, &settings, Backend::CpuF64, effect, &scene::straight()).amplitude);
+    let samples = SAMPLES as usize;
+    let at = |x_mm: f64, sample: usize| {
+        let position = 120.0 + 4.0 * x_mm;
+        let (first, after) = (position.floor() as usize, position.fract());
+        straight[first][sample] * (1.0 - after) + straight[first + 1][sample] * after
+    };
+    let (mut worst, mut deepest) = (0.0f64, 0.0f64);
+    for sample in (samples / 2..samples).step_by(50) {
+        let aside_mm = (sample as f64 / 40.0 - 20.0) * 8f64.to_radians().tan();
+        for line in 80..=160 {
+            let x_mm = 0.25 * (f64::from(line) - 120.0);
+            let expected = [-aside_mm, 0.0, aside_mm].map(|aside_mm| at(x_mm + aside_mm, sample));
+            let expected = expected.iter().sum::<f64>() / 3.0;
+            let index = line as usize * samples + sample;
+            worst = worst.max((with[index] / without[index] - expected).abs());
+            deepest = deepest.max((1.0 - at(x_mm, sample)).abs());
+        }
+    }
+    println!("within {worst:.4} of lines {deepest:.3} deep");
+    assert!(deepest > 0.1 && worst < 0.1 * deepest, "{worst} of {deepest}");
 }
 
 #[test]
