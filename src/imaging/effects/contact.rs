@@ -1,11 +1,12 @@
 //! Contact: conformation of the skin to the array.
 //!
 //! A body at rest touches a curved or straight array in a few points only; in practice both are pressed together and
-//! gel fills the remaining gaps. On each scanline the gap between array and body is found, up to a reach, and samples
+//! gel fills the remaining gaps. On each scanline the gap between array and skin is found, up to a reach, and samples
 //! are shifted to deeper tissue by the gap at the array and less below: `s -> s + gap (1 - s / fade)^2`, which
-//! preserves the order of tissue along the beam as long as the gap is less than half the fade. If the gap is wider
-//! there is no contact, and the scanline shows the void. Gaps are those of the tissue at rest, smoothed over
-//! neighbouring scanlines because skin is smooth.
+//! preserves the order of tissue along the beam as long as the gap is less than half the fade. Where the array is
+//! pressed in, the gap is negative, and the skin gives way, unless a mesh deforms and does so itself. Beyond the reach
+//! there is no contact: the scanline shows the void, or begins in the body. Gaps are those of the tissue at rest,
+//! smoothed over neighbouring scanlines because skin is smooth.
 //!
 //! ```toml
 //! effects.contact = {}
@@ -36,7 +37,7 @@ use insonify_base::real::Real;
 parameters! {
     /// Contact between skin and array.
     pub struct Contact {
-        /// Widest gap between array and body that is closed by pressure, mm.
+        /// Widest gap between array and skin that is closed by pressure, and depth to which the array is pressed in, mm.
         reach_mm: f64 = 12.0, in 0..=20;
         /// Depth at which the shift vanishes, mm.
         fade_mm: f64 = 50.0, in 50..=1000;
@@ -82,7 +83,10 @@ static PASSES: &[Pass] = &[Pass {
 
 fn wanted(tables: &Tables) -> Wanted {
     match &tables.settings.effects.contact {
-        Some(contact) => Yes(format!("skin within {} mm of the array touches it", contact.reach_mm)),
+        Some(contact) => Yes(format!(
+            "skin within {} mm of the array lies against it",
+            contact.reach_mm
+        )),
         None => No("the scene names no contact".into()),
     }
 }
@@ -94,7 +98,7 @@ const HALVINGS: usize = 4;
 /// Number of scanlines on each side over which gaps are smoothed.
 const SMOOTHED: usize = 2;
 
-/// Gap on each scanline, mm: 0 if the array touches the body, or no body is in reach.
+/// Gap on each scanline, mm, negative where the array is pressed into the body; 0 without skin in reach.
 pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     let reach = tables
         .settings
@@ -110,23 +114,34 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
             to_index * Vector4::new(x, y, 0.0, 1.0),
             to_index * Vector4::new(dx, dy, 0.0, 0.0),
         );
+        // `None` beyond the volume.
         let is_body = |s: f64| {
             let index = [0, 1, 2].map(|axis| start[axis] + s * along[axis]);
-            tables.volume.label_at_index(index).is_some_and(|label| label > 0)
+            tables.volume.label_at_index(index).map(|label| label > 0)
         };
-        let steps = (reach / STEP_MM) as usize;
-        let Some(first) = (0..=steps).find(|step| is_body(*step as f64 * STEP_MM)) else {
-            return -1.0;
-        };
-        if first == 0 {
+        let is_inside = is_body(0.0) == Some(true);
+        if is_inside && tables.mesh.is_some() {
             return 0.0;
         }
-        let mut ends = [first - 1, first].map(|step| step as f64 * STEP_MM);
+        let towards = if is_inside { -STEP_MM } else { STEP_MM };
+        let is_past = |s: f64| match is_inside {
+            true => is_body(s) != Some(true),
+            false => is_body(s) == Some(true),
+        };
+        let steps = (reach / STEP_MM) as usize;
+        let Some(first) = (1..=steps).find(|step| is_past(*step as f64 * towards)) else {
+            return if is_inside { 0.0 } else { f64::NAN };
+        };
+        let mut ends = [first - 1, first].map(|step| step as f64 * towards);
+        // A face that cuts the body is no skin.
+        if is_body(ends[1]).is_none() {
+            return 0.0;
+        }
         for _ in 0..HALVINGS {
             let middle = 0.5 * (ends[0] + ends[1]);
-            ends[usize::from(is_body(middle))] = middle;
+            ends[usize::from(is_past(middle))] = middle;
         }
-        ends[1]
+        ends[usize::from(!is_inside)]
     };
     gaps.clear();
     gaps.resize(2 * lines, 0.0);
@@ -135,9 +150,9 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
     raw.iter_mut()
         .enumerate()
         .for_each(|(line, raw)| *raw = gap(line) as f32);
-    for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| raw[*line] >= 0.0) {
+    for (line, gap) in smooth.iter_mut().enumerate().filter(|(line, _)| !raw[*line].is_nan()) {
         let near = &raw[line.saturating_sub(SMOOTHED)..lines.min(line + SMOOTHED + 1)];
-        let touching = near.iter().filter(|gap| **gap >= 0.0);
+        let touching = near.iter().filter(|gap| !gap.is_nan());
         let (sum, count) = touching.fold((0.0, 0.0), |(sum, count), gap| (sum + f64::from(*gap), count + 1.0));
         // Rounded once, for all backends.
         *gap = (sum / count) as f32;
@@ -189,7 +204,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         &store.effects.contact.gaps[..],
     );
     for_each(rows, &|(index, positions, gap)| {
-        if *gap <= 0.0 {
+        if *gap == 0.0 {
             return;
         }
         let [_, _, dx, dy] = tables.rays[index % lines].map(T::of);

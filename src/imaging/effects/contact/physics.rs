@@ -58,6 +58,36 @@ fn a_belly_touches_a_straight_array_within_reach() {
     }
 }
 
+/// Skin into which an array is pressed lies against it, within reach; deep tissue stays, and so does all of it without
+/// skin in reach or beside a face that cuts the body.
+#[test]
+fn skin_gives_way_where_an_array_is_pressed_in() {
+    let frame = Frame::around([0.0, 45.0, 0.0], [121, 240, 5], 0.5);
+    for (skin_mm, pressed_mm) in [(-4.0, 4.0), (-9.0, 0.0), (-100.0, 0.0)] {
+        let body = anatomy::anatomy_from(frame.clone(), &[SILENT, PLAIN], |p| u8::from(p[1] > skin_mm));
+        for (name, backend) in precisions() {
+            let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
+            let mut settings = scene::settings(probe, scene::bare());
+            settings.effects.contact = Some(Contact {
+                reach_mm: 6.0,
+                fade_mm: 50.0,
+            });
+            let beam = beam_after(&body, &settings, backend, "slice", &scene::straight());
+            let row = &beam.position[30 * SAMPLES as usize..][..SAMPLES as usize];
+            let (first, deep) = (row[0][1], row[101][1]);
+            // The first sample lies 0.25 mm below the array; skin is found within a sixteenth of a step of 0.25 mm
+            // from the face of a voxel.
+            let expected = 0.25 - pressed_mm * (1.0f64 - 0.25 / 50.0).powi(2);
+            assert!(
+                (first - expected).abs() < 0.3,
+                "{name}, skin at {skin_mm} mm: {first}, not {expected}"
+            );
+            assert!((deep - 50.75).abs() < 1e-3, "{name}: {deep}");
+            assert!(row.windows(2).all(|pair| pair[1][1] > pair[0][1]), "{name}: order");
+        }
+    }
+}
+
 /// A body that a face of the volume cuts goes on beyond it, one that ends before it does not.
 #[test]
 fn a_body_goes_on_where_the_volume_is_cut() {
