@@ -1,5 +1,7 @@
 // Haze of other paths than the beam. Twin of src/imaging/effects/haze.rs.
 #import decaying_sum
+#import label_row
+#import prefix_sum
 
 struct Params {
     lines: u32,
@@ -8,22 +10,78 @@ struct Params {
     level: f32,
     fading: f32,
     share: f32,
-    unused: vec2<u32>,
+    behind: f32,
+    behind_fading: f32,
+    per_unit: f32,
+    unused_0: u32,
+    unused_1: u32,
+    unused_2: u32,
 }
 
+const SOFT_MRAYL = 1.7;
+
 @group(0) @binding(0) var<storage, read> params: Params;
+
+// What occluding tissue throws back, per scanline.
+@group(0) @binding(1) var<storage, read> tissues: array<u32>;
+@group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
+@group(0) @binding(3) var<storage, read_write> reflected: array<f32>;
 
 // Means of columns: one workgroup each, a parallel sum along the beam.
 @group(0) @binding(1) var<storage, read> echoes: array<f32>;
 @group(0) @binding(2) var<storage, read> weights: array<f32>;
 @group(0) @binding(3) var<storage, read> gains: array<f32>;
 @group(0) @binding(4) var<storage, read_write> means: array<f32>;
+@group(0) @binding(5) var<storage, read> reflectors_down: array<f32>;
 
 // Sum with the echoes.
 @group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> pattern: array<f32>;
 @group(0) @binding(3) var<storage, read> means_around_columns: array<f32>;
 @group(0) @binding(4) var<storage, read_write> amplitudes: array<f32>;
+
+// Loss to occlusion of a sample, units.
+fn occluded(index: u32) -> u32 {
+    let row = label_rows[tissues[index]];
+    return row.loss - row.attenuation;
+}
+
+// Share that an occluding tissue throws back.
+fn thrown_back(impedance: f32) -> f32 {
+    if impedance <= SOFT_MRAYL {
+        return 1.0;
+    }
+    let ratio = (impedance - SOFT_MRAYL) / (impedance + SOFT_MRAYL);
+    return ratio * ratio;
+}
+
+@compute @workgroup_size(256)
+fn reflectors(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let each = (params.samples + THREADS - 1u) / THREADS;
+    let start = min(thread * each, params.samples);
+    let end = min(start + each, params.samples);
+    let line = group.y * params.samples;
+    var units = 0u;
+    for (var i = start; i < end; i++) {
+        units = min(units + occluded(line + i), MAX_UNITS);
+    }
+    units = exclusive(thread, units);
+    for (var i = start; i < end; i++) {
+        let before = exp2(f32(units) * params.per_unit);
+        units = min(units + occluded(line + i), MAX_UNITS);
+        let left = exp2(f32(units) * params.per_unit);
+        reflected[line + i] = thrown_back(label_rows[tissues[line + i]].impedance) * (before - left);
+    }
+}
+
+// Mean share of the power that is reflected at a sample.
+fn held_back(column: u32, sample: u32) -> f32 {
+    var sum = 0.0;
+    for (var line = 0u; line < params.lines; line++) {
+        sum += weights[column * params.lines + line] * reflectors_down[line * params.samples + sample];
+    }
+    return sum;
+}
 
 // Mean power at a sample.
 fn across(column: u32, sample: u32) -> f32 {
@@ -49,9 +107,18 @@ fn means_around(@builtin(local_invocation_index) thread: u32, @builtin(workgroup
         sum = sum * left + mean;
     }
     var above = decaying_sum(thread, sum, params.fading * f32(each));
+    let behind_left = exp2(params.behind_fading);
+    sum = 0.0;
     for (var i = start; i < end; i++) {
         above = above * left + means[row + i];
-        means[row + i] = above / gains[i];
+        means[row + i] = above;
+        sum = sum * behind_left + held_back(group.y, i) * above;
+    }
+    var held = decaying_sum(thread, sum, params.behind_fading * f32(each));
+    for (var i = start; i < end; i++) {
+        above = means[row + i];
+        held = held * behind_left + held_back(group.y, i) * above;
+        means[row + i] = (above + params.behind * held) / gains[i];
     }
 }
 

@@ -5,6 +5,8 @@ var<workgroup> lanes: array<f32, LANES>;
 
 // Sum of the numbers of the threads before one, decaying by `fading` (log2) per thread.
 fn decaying_sum(thread: u32, sum: f32, fading: f32) -> f32 {
+    // The sums of an earlier call may still be read.
+    workgroupBarrier();
     lanes[thread] = sum;
     workgroupBarrier();
     for (var reach = 1u; reach < LANES; reach *= 2u) {

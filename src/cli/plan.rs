@@ -15,7 +15,7 @@ pub(crate) struct Plan {
     input: Input,
     #[command(flatten)]
     backend: BackendArgs,
-    /// Print JSON: `passes`, `dispatches`, `without`, `resources`, `bytes`, `warnings`, and `quality` if the scene
+    /// Print JSON: `passes`, `clinical`, `dispatches`, `without`, `resources`, `bytes`, `warnings`, and `quality` if the scene
     /// states a budget
     #[arg(long)]
     json: bool,

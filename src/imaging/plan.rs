@@ -187,8 +187,7 @@ impl Plan {
             effect: planned.effect,
             origin: match (planned.needed_by, origins.get(planned.effect)) {
                 (Some(other), _) => format!("needed by {other}"),
-                (None, Some(Origin::Usual)) => "usual".to_owned(),
-                (None, Some(Origin::Scanner)) => "clinical".to_owned(),
+                (None, Some(Origin::Usual | Origin::Scanner)) => "usual".to_owned(),
                 (None, _) => "named".to_owned(),
             },
             reason: planned.reason.clone(),
@@ -204,6 +203,11 @@ impl Plan {
         };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
+            clinical: origins
+                .iter()
+                .filter(|(_, origin)| **origin == Origin::Scanner)
+                .map(|(effect, _)| *effect)
+                .collect(),
             dispatches: self.fused(MAX_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
             without: self.without.iter().map(left_out).collect(),
             resources: self.resources.clone(),
@@ -224,7 +228,7 @@ pub struct NamedPass {
     pub name: &'static str,
     /// Name of the effect that the pass belongs to.
     pub effect: &'static str,
-    /// Origin: `usual`, `clinical` (usual with that scanner), `named`, or `needed by` something else.
+    /// Origin: `usual`, `named`, or `needed by` something else.
     pub origin: String,
     /// Why the scene calls for it.
     pub reason: String,
@@ -235,6 +239,8 @@ pub struct NamedPass {
 pub struct PlanReport {
     /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
+    /// Effects that the scanner adds to the usual ones.
+    pub clinical: Vec<&'static str>,
     /// Passes that a GPU runs together, dispatch by dispatch.
     pub dispatches: Vec<Vec<&'static str>>,
     /// Effects that the scene does not use.
@@ -255,6 +261,10 @@ impl fmt::Display for PlanReport {
         writeln!(f, "Passes")?;
         for pass in &self.passes {
             writeln!(f, "  {:<21} {}: {}", pass.name, pass.origin, pass.reason)?;
+        }
+        if !self.clinical.is_empty() {
+            writeln!(f, "Clinical processing, which `scanner = \"raw\"` leaves out")?;
+            writeln!(f, "  {}", self.clinical.join(", "))?;
         }
         writeln!(f, "Dispatches on a GPU: passes that it runs together, in order")?;
         for (number, passes) in (1..).zip(&self.dispatches) {

@@ -2,8 +2,11 @@
 //!
 //! Rays are cast outwards from points inside the target; where one leaves the body for air, not through a face of the
 //! volume that cuts the body, the probe could stand. Each such position is scored by a fan of rays: how many reach the
-//! target before bone or gas, how much of the target they see, how far away it is and how perpendicular the probe is to
-//! the skin. A position whose array reaches past a face that cuts the body counts as hidden, unless there is no other.
+//! target before bone or gas, how much of the target they see, how much of the sector shows nothing, how far away the
+//! target is and how perpendicular the probe is to the skin. From the best positions the probe is slid over the skin,
+//! rocked and tilted, as a hand does it, as long as the score rises. The array is pressed in until its ends touch, if it
+//! may be. A position from which an end lies off the skin, or past a face that cuts the body, is taken only where there
+//! is no other.
 
 mod lumen;
 
@@ -19,12 +22,24 @@ use insonify_anatomy::volume::LabelVolume;
 pub const RAYS: usize = 15;
 /// Step along rays, mm.
 const STEP_MM: f64 = 1.5;
-/// Indentation of the skin at the array's centre, mm.
+/// Least indentation of the skin at the array's centre, mm.
 const PRESS_MM: f64 = 0.5;
+/// Largest indentation, mm: a firm press of an abdomen.
+const MAX_PRESS_MM: f64 = 10.0;
+/// Share of the widest gap at the ends by which the array is pressed in: the skin gives way as much as it comes nearer.
+const PRESSED: f64 = 0.5;
+/// Number of positions from which the probe is moved, and of rounds; in each it moves by half as much as before.
+const STARTS: usize = 6;
+const ROUNDS: i32 = 3;
+/// First moves: degrees about the aim, by which the probe slides over the skin, and of rocking and tilting.
+const SLIDE_DEG: f64 = 5.0;
+const LEAN_DEG: f64 = 8.0;
 /// Thickness of air required outside the skin before the edge of the volume, mm.
 const AIR_MM: f64 = 3.0;
 /// Number of target points that the probe is aimed at: the innermost one and some around it.
 const AIMS: usize = 7;
+/// Step in which gaps are found, mm.
+const GAP_STEP_MM: f64 = 0.5;
 /// Radius of the neighbourhood for estimating the skin's normal, mm.
 const NORMAL_MM: f64 = 10.0;
 
@@ -50,6 +65,10 @@ pub struct PlacementOptions {
     pub shape: ProbeShape,
     /// Imaging depth, mm.
     pub depth_mm: f64,
+    /// Widest gap between array and skin that counts as contact, mm.
+    pub reach_mm: f64,
+    /// Whether the array may be pressed in.
+    pub may_press: bool,
 }
 
 impl Default for PlacementOptions {
@@ -61,6 +80,8 @@ impl Default for PlacementOptions {
                 angle_deg: 70.0,
             }),
             depth_mm: 150.0,
+            reach_mm: 12.0,
+            may_press: true,
         }
     }
 }
@@ -183,11 +204,51 @@ pub fn deepest_mm(
     deepest
 }
 
+/// A position of the probe: where a ray outwards from a point leaves the body.
+#[derive(Clone, Copy)]
+struct Position {
+    aim: Point3<f64>,
+    outward: Vector3<f64>,
+    /// Lean of the probe from the direction to the aim, in the plane and out of it, degrees.
+    lean_deg: [f64; 2],
+    plane: ScanPlane,
+}
+
+impl Position {
+    /// Axes of the probe.
+    fn axes(&self) -> [Vector3<f64>; 3] {
+        let [x, axial, z] = axes(-self.outward, self.plane);
+        let [rock, tilt] = self.lean_deg.map(|degrees| degrees.to_radians().tan());
+        axes((axial + x * rock + z * tilt).normalize(), self.plane)
+    }
+
+    /// The probe slid, rocked and tilted by a share of the first moves.
+    fn moved(&self, [slide, slide_out, rock, tilt]: [f64; 4]) -> Self {
+        let [x, _, z] = axes(-self.outward, self.plane);
+        let [slide, slide_out] = [slide, slide_out].map(|share| (share * SLIDE_DEG).to_radians().tan());
+        Self {
+            outward: (self.outward + x * slide + z * slide_out).normalize(),
+            lean_deg: [self.lean_deg[0] + rock * LEAN_DEG, self.lean_deg[1] + tilt * LEAN_DEG],
+            ..*self
+        }
+    }
+}
+
 /// A placement that may be chosen.
+#[derive(Clone)]
 struct Candidate {
+    position: Position,
     placement: Placement,
     /// Fraction of the array past a face that cuts the body.
     beyond: f64,
+    /// Whether both ends of the array touch the skin.
+    touches: bool,
+}
+
+impl Candidate {
+    fn rank(&self) -> (bool, bool, f64) {
+        (self.beyond == 0.0, self.touches, self.placement.score)
+    }
 }
 
 struct Search<'a> {
@@ -202,19 +263,51 @@ struct Search<'a> {
 impl Search<'_> {
     /// Best position over all aims and directions up to `widest` degrees from the front.
     fn best(&self, aims: &[Point3<f64>], widest: i32) -> Option<Candidate> {
-        let candidates = parallel::map(&outwards(aims, widest)[..], &|(aim, outward)| {
+        let candidates = parallel::map(&outwards(aims, widest)[..], &|&(aim, outward)| {
             let planes = match self.options.plane {
                 Some(plane) => vec![plane],
                 None => vec![ScanPlane::Transverse, ScanPlane::Sagittal],
             };
-            let candidates = planes
-                .into_iter()
-                .filter_map(|plane| self.candidate(aim, outward, plane));
+            let position = |plane| Position {
+                aim,
+                outward,
+                lean_deg: [0.0; 2],
+                plane,
+            };
+            let candidates = planes.into_iter().filter_map(|plane| self.candidate(&position(plane)));
             candidates.collect::<Vec<_>>()
         });
-        let candidates = candidates.into_iter().flatten();
-        let rank = |candidate: &Candidate| (candidate.beyond == 0.0, candidate.placement.score);
-        candidates.reduce(|best, next| if rank(&next) > rank(&best) { next } else { best })
+        let mut candidates: Vec<Candidate> = candidates.into_iter().flatten().collect();
+        // The first of equal ones: the same at any number of threads.
+        candidates.sort_by(|a, b| b.rank().partial_cmp(&a.rank()).unwrap_or(std::cmp::Ordering::Equal));
+        candidates.truncate(STARTS);
+        let moved = parallel::map(&candidates[..], &|candidate| self.moved(candidate.clone()));
+        let better = |best: Candidate, next: Candidate| if next.rank() > best.rank() { next } else { best };
+        moved.into_iter().reduce(better)
+    }
+
+    /// The position that small moves lead to.
+    fn moved(&self, start: Candidate) -> Candidate {
+        let mut best = start;
+        for round in 0..ROUNDS {
+            let share = 0.5f64.powi(round);
+            loop {
+                let moves = (0..8).map(|number| {
+                    let mut by = [0.0; 4];
+                    by[number / 2] = if number % 2 == 0 { share } else { -share };
+                    best.position.moved(by)
+                });
+                let nearby: Vec<Candidate> = moves.filter_map(|position| self.candidate(&position)).collect();
+                let next = nearby
+                    .into_iter()
+                    .reduce(|a, b| if b.rank() > a.rank() { b } else { a });
+                match next {
+                    Some(next) if next.rank() > best.rank() => best = next,
+                    _ => break,
+                }
+            }
+        }
+        best
     }
 
     /// Whether any ray reaches skin.
@@ -224,20 +317,26 @@ impl Search<'_> {
             .any(|(aim, outward)| self.skin(aim, outward).is_some())
     }
 
-    fn candidate(&self, aim: &Point3<f64>, outward: &Vector3<f64>, plane: ScanPlane) -> Option<Candidate> {
-        let skin = self.skin(aim, outward)?;
-        let axial = -outward;
+    fn candidate(&self, position: &Position) -> Option<Candidate> {
+        let skin = self.skin(&position.aim, &position.outward)?;
+        let axes = position.axes();
+        let axial = axes[1];
         let inward = self.inward_normal(&skin)?;
         let upright = axial.dot(&inward);
         // More than 53 degrees off the skin's normal the array would stand on its edge.
         if upright < 0.6 {
             return None;
         }
-        let pose = pose(skin + axial * PRESS_MM, axial, plane);
+        let mut pose = pose(skin + axial * PRESS_MM, &axes);
+        if self.options.may_press {
+            let press_mm = (PRESSED * self.end_gap_mm(&pose)).clamp(PRESS_MM, MAX_PRESS_MM.min(self.options.reach_mm));
+            pose = self::pose(skin + axial * press_mm, &axes);
+        }
         let fan = self.look(&pose);
         if fan.seen <= 0.0 {
             return None;
         }
+        let touches = self.end_gap_mm(&pose) <= self.options.reach_mm;
         let visible = fan.seen / (fan.seen + fan.hidden);
         let from_behind = axial.y.min(0.0).abs();
         let size = fan.seen.sqrt() / self.options.depth_mm;
@@ -246,8 +345,7 @@ impl Search<'_> {
             - PER_DEPTH * depth
             - PER_TILT * (1.0 - upright)
             - FROM_BEHIND * from_behind
-            - PER_OUTSIDE * fan.outside
-            - PER_BLOCKED * fan.blocked
+            - PER_DARK * fan.dark
             - GAP_PER_MM * fan.gap_mm;
         let side = match (axial.x, axial.y) {
             (x, y) if y.abs() >= x.abs() => {
@@ -289,8 +387,10 @@ impl Search<'_> {
             ),
         };
         Some(Candidate {
+            position: *position,
             placement,
             beyond: fan.beyond,
+            touches,
         })
     }
 
@@ -346,9 +446,24 @@ impl Search<'_> {
         sum.try_normalize(1e-9)
     }
 
+    /// Wider of the gaps between the ends of the array and the skin, mm; infinite where there is no skin.
+    fn end_gap_mm(&self, pose: &Matrix4<f64>) -> f64 {
+        let ends = [0, RAYS - 1].map(|ray| {
+            let ray = self.fan.rays()[ray];
+            let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
+            let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
+            let steps = (self.options.depth_mm / GAP_STEP_MM) as usize;
+            let gaps = (0..steps).map(|step| step as f64 * GAP_STEP_MM);
+            let mut gaps = gaps.filter(|gap| self.is_body(&(start + direction * *gap)) == Some(true));
+            gaps.next().unwrap_or(f64::INFINITY)
+        });
+        ends[0].max(ends[1])
+    }
+
     /// Evaluates the fan of rays of a pose.
     fn look(&self, pose: &Matrix4<f64>) -> Fan {
         let mut fan = Fan::default();
+        let mut all = 0.0;
         let middle = (RAYS - 1) as f64 / 2.0;
         let mut nearest_to_middle = f64::INFINITY;
         for (ray_index, ray) in self.fan.rays().iter().enumerate() {
@@ -359,9 +474,11 @@ impl Search<'_> {
             let mut depth = 0.5 * STEP_MM;
             while depth < self.options.depth_mm {
                 let point = start + direction * depth;
+                let area = STEP_MM * self.fan.lateral_spacing_mm(depth);
+                all += area;
                 let Some(label) = self.volume.label_index_at(&point) else {
                     beyond = beyond || (!touched && self.is_cut_beside(&point));
-                    fan.outside += STEP_MM / (self.options.depth_mm * RAYS as f64);
+                    fan.dark += area;
                     depth += STEP_MM;
                     continue;
                 };
@@ -370,18 +487,18 @@ impl Search<'_> {
                 if !touched {
                     fan.gap_mm += STEP_MM / RAYS as f64;
                 }
+                if blocked || (touched && !(self.meaning.is_body)(label)) {
+                    fan.dark += area;
+                }
                 if self.in_target[usize::from(label)] {
-                    let area = STEP_MM * self.fan.lateral_spacing_mm(depth);
                     if blocked {
                         fan.hidden += area;
                     } else {
                         fan.seen += area;
                         reached.get_or_insert(depth);
                     }
-                } else if (self.meaning.is_bone_or_gas)(label) && !blocked {
-                    blocked = true;
-                    fan.blocked += (1.0 - depth / self.options.depth_mm) / RAYS as f64;
                 }
+                blocked |= (self.meaning.is_bone_or_gas)(label);
                 depth += STEP_MM;
             }
             fan.beyond += if beyond { 1.0 / RAYS as f64 } else { 0.0 };
@@ -393,6 +510,7 @@ impl Search<'_> {
                 }
             }
         }
+        fan.dark /= all;
         fan
     }
 }
@@ -424,10 +542,8 @@ const PER_DEPTH: f64 = 0.8;
 const PER_TILT: f64 = 6.0;
 /// Weight of the direction from behind: a patient lies on the back.
 const FROM_BEHIND: f64 = 0.7;
-/// Weight of the part of the fan outside the volume, where the picture stays black.
-const PER_OUTSIDE: f64 = 0.4;
-/// Weight of the part of the fan behind bone or gas, which shows nothing of the surroundings of the target.
-const PER_BLOCKED: f64 = 0.5;
+/// Weight of the share of the sector that shows nothing: outside the volume, behind bone or gas, in air.
+const PER_DARK: f64 = 2.0;
 /// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with
 /// an end in the air twice that and more.
 const GAP_PER_MM: f64 = 0.06;
@@ -440,9 +556,8 @@ struct Fan {
     /// Area of the target in the scan plane in front of and behind bone or gas, mm^2.
     seen: f64,
     hidden: f64,
-    /// Fractions of the fan outside the volume, and behind bone or gas.
-    outside: f64,
-    blocked: f64,
+    /// Fraction of the sector that shows nothing.
+    dark: f64,
     /// Fraction of the rays that meet no skin before they are past a face that cuts the body.
     beyond: f64,
     /// Gap of air between array and skin, mm, averaged over the rays.
@@ -451,8 +566,8 @@ struct Fan {
     depth_mm: f64,
 }
 
-/// Probe-to-world transform for an array centre and a direction into the body.
-fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f64> {
+/// Axes of a probe for a direction into the body.
+fn axes(axial: Vector3<f64>, plane: ScanPlane) -> [Vector3<f64>; 3] {
     let lateral = match plane {
         // Continuous around the body, so that the same side of the probe stays marked; not upside down from behind.
         ScanPlane::Transverse => {
@@ -462,7 +577,11 @@ fn pose(origin: Point3<f64>, axial: Vector3<f64>, plane: ScanPlane) -> Matrix4<f
         ScanPlane::Sagittal => -Vector3::z(),
     };
     let x = (lateral - axial * lateral.dot(&axial)).normalize();
-    let z = x.cross(&axial);
+    [x, axial, x.cross(&axial)]
+}
+
+/// Probe-to-world transform for an array centre and the axes of a probe.
+fn pose(origin: Point3<f64>, [x, axial, z]: &[Vector3<f64>; 3]) -> Matrix4<f64> {
     Matrix4::new(
         x.x, axial.x, z.x, origin.x, //
         x.y, axial.y, z.y, origin.y, //

@@ -307,8 +307,8 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/scene/doubts.rs",
-        &["needle"],
-        "tells of needles beside the plane",
+        &["compound", "needle", "table"],
+        "tells of needles beside the plane, and of looks that have nothing to compound",
     ),
     ("imaging/scene/vary.rs", &["tone"], "an example of a key"),
     ("base/document/setting.rs", &["tone"], "an example of a key"),

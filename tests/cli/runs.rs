@@ -271,15 +271,18 @@ fn contents(folder: &Path) -> BTreeMap<String, Vec<u8>> {
     entries.map(file).collect()
 }
 
-/// Pictures in the hidden folder of a run.
+/// Pictures in the hidden folder of a run; a folder that is renamed meanwhile may be listed twice.
 #[cfg(unix)]
 fn hidden_pictures(folder: &Path) -> usize {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let hidden = entries.filter(|entry| entry.file_name().to_string_lossy().starts_with(".insonify-"));
-    let files = hidden.flat_map(|entry| fs::read_dir(entry.path()).into_iter().flatten().flatten());
-    files
-        .filter(|file| file.file_name().to_string_lossy().ends_with(".png"))
-        .count()
+    let pictures = hidden.map(|entry| {
+        let files = fs::read_dir(entry.path()).into_iter().flatten().flatten();
+        files
+            .filter(|file| file.file_name().to_string_lossy().ends_with(".png"))
+            .count()
+    });
+    pictures.max().unwrap_or(0)
 }
 
 /// Starts a run and sends it a signal once it has made some pictures.

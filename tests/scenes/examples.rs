@@ -48,7 +48,7 @@ fn what_a_scene_does_not_name_is_not_made() {
     assert!(plain.needle_pose(0, 1).is_none());
     let plan = synthesizer(&plain).plan().report(&plain.origins);
     let passes: Vec<_> = plan.passes.iter().map(|pass| pass.effect).collect();
-    for absent in ["warp", "needle", "compound", "blur", "speckle_reduction", "noise"] {
+    for absent in ["warp", "needle", "blur", "noise"] {
         assert!(!passes.contains(&absent), "{absent} in {passes:?}");
         assert!(plan.without.iter().any(|omitted| omitted.name == absent), "{absent}");
     }

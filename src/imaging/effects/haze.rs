@@ -9,8 +9,13 @@
 //! `a' = sqrt(a^2 + level m p)`, with `m` the mean power around and `p` the pattern, of mean 1. Background samples,
 //! outside the body, stay silent.
 //!
+//! What occludes throws sound back and forth between itself and what lies above: where power of the beam is lost to it,
+//! a share of the mean power around goes on to fill the dark behind, and falls over `behind_mm`. Gas throws all back,
+//! so that its shadows are dirty; bone takes up what its surface does not reflect, and its shadows are darker.
+//!
 //! No theory gives the usual numbers: with them the dark of frames is as grey as that of real ones, the lumens of
-//! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black.
+//! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black, shadows
+//! dark grey.
 //!
 //! ```toml
 //! effects.haze = { level_db = -12.0 }
@@ -23,11 +28,13 @@ mod parity;
 #[cfg(test)]
 mod physics;
 
-use super::buffers::{AMPLITUDE, Buffer, LABEL, beam, bytes_of, columns};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, beam, bytes_of, columns};
+use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
 use super::receiver::clutter;
 use super::shadow::Attenuation;
+use super::shadow::{MAX_UNITS, exponent_per_unit};
 use super::{
     Effect, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -51,6 +58,10 @@ parameters! {
         lateral_mm: f64 = 8.0, in 0.5..=500;
         /// Distance below which what contributes has fallen to 1/e, mm.
         axial_mm: f64 = 6.0, in 0.1..=500;
+        /// Power behind a perfect reflector relative to the mean around at its surface, dB.
+        behind_db: f64 = -12.0, in -200..=0;
+        /// Distance behind bone and gas over which that falls to 1/e, mm.
+        behind_mm: f64 = 60.0, in 0.1..=500;
     }
 }
 
@@ -153,7 +164,9 @@ static WEIGHTS: Buffer = Buffer::new(282, "HazeWeights", 4, |tables| tables.effe
 /// Per sample of depth: power that average soft tissue has taken (`f32`).
 static GAINS: Buffer = Buffer::new(283, "HazeGains", 4, |tables| tables.effects.haze.gains.len())
     .derived(|_, derived| bytes_of(&derived.haze.gains));
-/// Per column and sample: mean power around (`f32`).
+/// Per sample: share of the power of the beam that occluding tissue throws back there (`f32`).
+static REFLECTORS: Buffer = Buffer::new(280, "HazeReflectors", 4, beam);
+/// Per column and sample: mean power around, and what bone and gas hold back (`f32`).
 static MEANS: Buffer = Buffer::new(284, "HazeMeans", 4, means_of_beam);
 
 fn means_of_beam(tables: &Tables) -> usize {
@@ -165,6 +178,8 @@ columns! {
     pub struct Columns<T> {
         /// Data of `MEANS`.
         means: [T; means_of_beam] = T::zero(), MEANS;
+        /// Data of `REFLECTORS`.
+        reflectors: [T; beam] = T::zero(), REFLECTORS;
     }
 }
 
@@ -172,10 +187,27 @@ const SHADER: &str = include_str!("../../../shaders/haze.wgsl");
 
 static PASSES: &[Pass] = &[
     Pass {
+        name: "haze_reflectors",
+        shader: SHADER,
+        entry: "reflectors",
+        bindings: &[(&LABEL, Read), (&LABEL_ROWS, Read), (&REFLECTORS, WriteLine)],
+        params,
+        grid: Grid::Scanlines,
+        flips: false,
+        cpu: reference!(reflectors),
+        bound: bound!(Covered("by the bound of `haze`")),
+    },
+    Pass {
         name: "haze_means",
         shader: SHADER,
         entry: "means_around",
-        bindings: &[(&AMPLITUDE, Read), (&WEIGHTS, Read), (&GAINS, Read), (&MEANS, Write)],
+        bindings: &[
+            (&AMPLITUDE, Read),
+            (&WEIGHTS, Read),
+            (&GAINS, Read),
+            (&MEANS, Write),
+            (&REFLECTORS, Read),
+        ],
         params,
         grid: Grid::Workgroups(|tables| [columns_of(tables.lines()) as u32, 1]),
         flips: false,
@@ -225,8 +257,14 @@ block! {
         fading: f32,
         /// Share of a sample in the mean around itself.
         share: f32,
+        /// Power behind a perfect reflector, relative to `level`.
+        behind: f32,
+        /// Its decay per sample, as log2.
+        behind_fading: f32,
+        /// Exponent of 2 of the power left per unit of loss.
+        per_unit: f32,
         /// Padding to a multiple of 16 bytes.
-        unused: [u32; 2],
+        unused: [u32; 3],
     }
 }
 
@@ -234,14 +272,19 @@ block! {
 struct Numbers {
     level: f64,
     fading: f64,
+    behind: f64,
+    behind_fading: f64,
 }
 
 impl Numbers {
     fn of(tables: &Tables) -> Self {
         let haze = tables.settings.effects.haze.clone().unwrap_or_default();
+        let fading = |mm: f64| -tables.sample_mm() / mm * std::f64::consts::LOG2_E;
         Self {
             level: 10f64.powf(haze.level_db / 10.0),
-            fading: -tables.sample_mm() / haze.axial_mm * std::f64::consts::LOG2_E,
+            fading: fading(haze.axial_mm),
+            behind: 10f64.powf((haze.behind_db - haze.level_db) / 10.0),
+            behind_fading: fading(haze.behind_mm),
         }
     }
 
@@ -260,25 +303,72 @@ fn params(view: &View, _: Band) -> ParamBlock {
         level: numbers.level as f32,
         fading: numbers.fading as f32,
         share: numbers.share() as f32,
-        unused: [0; 2],
+        behind: numbers.behind as f32,
+        behind_fading: numbers.behind_fading as f32,
+        per_unit: exponent_per_unit() as f32,
+        unused: [0; 3],
     })
 }
+
+fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
+    let tables = view.tables;
+    let samples = tables.samples();
+    for_each(
+        (
+            chunks_mut(&mut store.effects.haze.reflectors, samples),
+            chunks(&store.label, samples),
+        ),
+        &|(reflectors, labels)| reflectors_of(tables, labels, reflectors),
+    );
+}
+
+/// Reflectors of a scanline.
+fn reflectors_of<T: Real>(tables: &Tables, labels: &[u8], reflectors: &mut [T]) {
+    let per_unit = T::of(exponent_per_unit());
+    let (mut units, mut left) = (0u32, T::one());
+    for (reflector, label) in reflectors.iter_mut().zip(labels) {
+        let row = &tables.label_rows[usize::from(*label)];
+        let occluded = row.loss - row.attenuation;
+        *reflector = T::zero();
+        if occluded > 0 {
+            units = units.saturating_add(occluded).min(MAX_UNITS);
+            let before = left;
+            left = (T::of(f64::from(units)) * per_unit).exp2();
+            *reflector = thrown_back::<T>(row.impedance) * (before - left);
+        }
+    }
+}
+
+/// Share that an occluding tissue throws back: what a surface of its impedance reflects if it is harder than soft
+/// tissue, and takes up the rest; otherwise, as bubbles scatter, all.
+#[inline(always)]
+fn thrown_back<T: Real>(impedance_mrayl: f32) -> T {
+    let (impedance, soft) = (T::of(f64::from(impedance_mrayl)), T::of(SOFT_MRAYL));
+    if impedance <= soft {
+        return T::one();
+    }
+    let step = (impedance - soft) / (impedance + soft);
+    step * step
+}
+
+/// Impedance of soft tissue, MRayl: that of muscle, above those of others (F. A. Duck, Physical Properties of Tissue,
+/// 1990, section 4.5).
+const SOFT_MRAYL: f64 = 1.7;
 
 fn means<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let amplitudes = &store.amplitude[..lines * samples];
+    let Columns { means, reflectors } = &mut store.effects.haze;
     for_each(
-        (
-            chunks_mut(&mut store.effects.haze.means, samples),
-            chunks(&tables.effects.haze.weights, lines),
-        ),
+        (chunks_mut(means, samples), chunks(&tables.effects.haze.weights, lines)),
         &|(means, weights)| {
             T::vectorised(Column {
                 numbers: Numbers::of(tables),
                 weights,
                 gains: &tables.effects.haze.gains,
                 amplitudes,
+                reflectors,
                 means,
             });
         },
@@ -291,6 +381,7 @@ struct Column<'a, T> {
     weights: &'a [f32],
     gains: &'a [f32],
     amplitudes: &'a [T],
+    reflectors: &'a [T],
     means: &'a mut [T],
 }
 
@@ -306,12 +397,26 @@ impl<T: Real> Kernel for Column<'_, T> {
                 *mean += weight * (*amplitude * *amplitude);
             }
         }
-        let (left, share) = (T::of(self.numbers.fading.exp2()), T::of(self.numbers.share()));
-        let mut above = T::zero();
-        for (mean, gain) in self.means.iter_mut().zip(self.gains) {
-            let gain = T::of(f64::from(*gain));
-            above = above * left + *mean * share * gain;
-            *mean = above / gain;
+        let numbers = &self.numbers;
+        let (left, share) = (T::of(numbers.fading.exp2()), T::of(numbers.share()));
+        let (behind, behind_left) = (T::of(numbers.behind), T::of(numbers.behind_fading.exp2()));
+        let samples = self.gains.len();
+        let (mut above, mut held) = (T::zero(), T::zero());
+        for (block, means) in self.means.chunks_mut(BLOCK).enumerate() {
+            let start = block * BLOCK;
+            let mut reflected = [T::zero(); BLOCK];
+            for (reflectors, weight) in self.reflectors.chunks(samples).zip(self.weights) {
+                let weight = T::of(f64::from(*weight));
+                for (reflected, reflector) in reflected.iter_mut().zip(&reflectors[start..]) {
+                    *reflected += weight * *reflector;
+                }
+            }
+            for ((mean, reflected), gain) in means.iter_mut().zip(&reflected).zip(&self.gains[start..]) {
+                let gain = T::of(f64::from(*gain));
+                above = above * left + *mean * share * gain;
+                held = held * behind_left + *reflected * above;
+                *mean = (above + behind * held) / gain;
+            }
         }
     }
 }

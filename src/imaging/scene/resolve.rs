@@ -10,7 +10,6 @@ use super::check::Framing;
 use super::deform::Deformation;
 use super::file::{PoseTable, SceneFile, TextureSpec, Version, VolumeKind};
 use super::motion::Needle;
-use super::paths::MotionSpec;
 use super::recording::{CROP, Recording};
 use super::target::Body;
 use super::{At, Scene, Timeline, doubts};
@@ -108,7 +107,7 @@ impl SceneFile {
             Some(path) => (path.trajectory, path.recorded, path.recording),
             None => {
                 let pose = stage::during("placing the probe", || {
-                    self.fixed_pose(&body, &framing.probe, &mut notes, &mut warnings)
+                    self.fixed_pose(&body, &framing, &mut notes, &mut warnings)
                 })?;
                 self.deepen(&body, &pose, &mut framing, &mut notes)?;
                 pose_of_file = Some(PoseTable {
@@ -212,9 +211,7 @@ impl SceneFile {
         let still = Trajectory::fixed(Pose::from_matrix(&Matrix4::identity()).ok()?);
         let (probe, recorded) = path.map_or((still, false), |path| (path.trajectory, path.recorded));
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), None);
-        let is_alive = self.motion.as_ref().is_some_and(MotionSpec::is_alive);
-        let presses = self.motion.as_ref().is_some_and(|motion| motion.press.is_some());
-        (self.deform.is_none() && !is_alive && !presses).then(|| timeline.frames())
+        (!self.moves_tissue()).then(|| timeline.frames())
     }
 
     /// Times of frames; `recorded` tells whether each pose of the probe's path is a frame of its own.

@@ -14,7 +14,7 @@ use insonify_base::note::{Note, Notes};
 use insonify_base::text::{MESSAGE, clipped, some_of};
 use insonify_tracking::placement::{Meaning, PlacementOptions, deepest_mm, place};
 use insonify_tracking::pose::{Pose, PoseSpec};
-use insonify_tracking::probe::{BeamGrid, Probe, Site};
+use insonify_tracking::probe::{BeamGrid, Site};
 
 /// Largest depth that is chosen for a target, over the usual one.
 const DEEPEST: f64 = 1.6;
@@ -32,10 +32,11 @@ impl SceneFile {
     pub(super) fn fixed_pose(
         &self,
         body: &Body<'_>,
-        probe: &Probe,
+        framing: &Framing,
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
+        let probe = &framing.probe;
         let table = self.pose.clone().unwrap_or_default();
         let invalid = |error: insonify_tracking::TrackingError| {
             let key = error
@@ -64,7 +65,7 @@ impl SceneFile {
                 notes.push("the scene states no pose: the probe is at the default pose of this phantom".to_owned());
                 pose
             }
-            _ => self.placed(body, probe, notes, warnings)?,
+            _ => self.placed(body, framing, notes, warnings)?,
         };
         let turned = PoseSpec {
             matrix: Some(Rows(*base.probe_to_world())),
@@ -144,13 +145,20 @@ impl SceneFile {
         error.with_help((!help.is_empty()).then(|| clipped(&help.join("; "), MESSAGE)))
     }
 
+    /// Whether a mesh moves the tissue, which then gives way to the probe as the mesh does.
+    pub(super) fn moves_tissue(&self) -> bool {
+        let motion = self.motion.as_ref();
+        self.deform.is_some() || motion.is_some_and(|motion| motion.is_alive() || motion.press.is_some())
+    }
+
     fn placed(
         &self,
         body: &Body<'_>,
-        probe: &Probe,
+        framing: &Framing,
         notes: &mut Notes,
         warnings: &mut Vec<String>,
     ) -> Result<Pose, InputError> {
+        let probe = &framing.probe;
         let table = self.pose.clone().unwrap_or_default();
         let label = match &table.target {
             Some(target) => {
@@ -187,6 +195,8 @@ impl SceneFile {
             plane: table.plane,
             shape: probe.shape,
             depth_mm: probe.depth_mm,
+            reach_mm: framing.effects.contact.as_ref().map_or(0.0, |contact| contact.reach_mm),
+            may_press: !self.moves_tissue(),
         };
         let name = body.name_with_value(label);
         let meaning = Meaning {

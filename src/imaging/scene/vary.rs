@@ -622,7 +622,7 @@ impl Variation {
             return Ok(pose);
         }
         let (mut notes, mut doubts) = (Notes::default(), Vec::new());
-        let pose = file.fixed_pose(body, &framing.probe, &mut notes, &mut doubts)?;
+        let pose = file.fixed_pose(body, framing, &mut notes, &mut doubts)?;
         if framing.open_depth {
             file.deepen(body, &pose, framing, &mut notes)?;
         }

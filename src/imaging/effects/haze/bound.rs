@@ -1,6 +1,6 @@
 //! Error bounds of haze: sums of non-negative powers, and a root.
 
-use crate::effects::haze::{Column, Numbers, beside, columns_of};
+use crate::effects::haze::{Column, Numbers, beside, columns_of, reflectors_of};
 use insonify_base::simd::Kernel;
 
 use crate::parity::rounding::{DIVIDE, ROOT, TINY, ULP, root_off};
@@ -9,7 +9,14 @@ use crate::parity::{Slack, Step};
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let (tables, lines, samples) = (step.tables, step.lines(), step.samples());
     let columns = columns_of(lines);
-    let means_of = |amplitudes: &[f64]| {
+    let [reflectors, of_twin] = [step.after, step.twin].map(|beam| {
+        let mut reflectors = vec![0.0; lines * samples];
+        for (reflectors, labels) in reflectors.chunks_mut(samples).zip(beam.label.chunks(samples)) {
+            reflectors_of(tables, labels, reflectors);
+        }
+        reflectors
+    });
+    let means_of = |amplitudes: &[f64], reflectors: &[f64]| {
         let mut means = vec![0.0; columns * samples];
         let weights = tables.effects.haze.weights.chunks(lines);
         for (means, weights) in means.chunks_mut(samples).zip(weights) {
@@ -19,6 +26,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 weights,
                 gains: &tables.effects.haze.gains,
                 amplitudes,
+                reflectors,
                 means,
             }
             .run();
@@ -31,12 +39,27 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let offs: Vec<f64> = offs
         .map(|(echo, off)| ((2.0 * echo.abs() + off) * off).sqrt())
         .collect();
-    let (means, mean_offs) = (means_of(before), means_of(&offs));
-    let Numbers { level, fading } = Numbers::of(tables);
+    let (means, mut mean_offs) = (means_of(before, &reflectors), means_of(&offs, &reflectors));
+    // Where labels within rounding of a face differ, so do reflectors.
+    for (off, (mean, twin)) in mean_offs.iter_mut().zip(means.iter().zip(means_of(before, &of_twin))) {
+        *off += (mean - twin).abs();
+    }
+    // Reflectors are differences of powers of 2, whose errors grow with the exponent, as they fall with it.
+    let rounding = |reflector: &f64| match *reflector > 0.0 {
+        true => 40.0 * ULP + (2.0 * DIVIDE + 4.0 * ULP) * reflector,
+        false => 0.0,
+    };
+    let roundings: Vec<f64> = reflectors.iter().map(rounding).collect();
+    let [with, without] = [&roundings[..], &vec![0.0; lines * samples]].map(|reflectors| means_of(before, reflectors));
+    for (off, (with, without)) in mean_offs.iter_mut().zip(with.iter().zip(without)) {
+        *off += with - without;
+    }
+    let numbers = Numbers::of(tables);
+    let (level, decaying) = (numbers.level, numbers.fading.abs() + numbers.behind_fading.abs());
     // A product and a sum per scanline; as many per sample, with gains and a decay of which each has the error of
     // `exp2`, and that of eight steps of parallel sums.
-    let decays = samples as f64 * (5.0 + 4.0 * fading.abs());
-    let relative = (2.0 * lines as f64 + 3.0 * decays + 100.0) * ULP;
+    let decays = samples as f64 * (10.0 + 4.0 * decaying);
+    let relative = (4.0 * lines as f64 + 3.0 * decays + 100.0) * ULP;
     for index in 0..lines * samples {
         let (line, sample) = step.place(index);
         let (beside, after) = beside::<f64>(line, lines);

@@ -76,6 +76,7 @@ fn tissue_adds_its_share_from_above() {
         level_db: -20.0,
         lateral_mm: 15.0,
         axial_mm: 8.0,
+        ..Haze::default()
     };
     for (name, backend) in precisions() {
         for depth in [2.0, 8.0, 50.0] {
@@ -126,6 +127,7 @@ fn haze_fades_below_and_beside_tissue() {
         level_db: -10.0,
         lateral_mm: 20.0,
         axial_mm: 5.0,
+        ..Haze::default()
     };
     for (name, backend) in precisions() {
         for below in [2.0, 10.0, 20.0] {
@@ -145,6 +147,70 @@ fn haze_fades_below_and_beside_tissue() {
             let right = weight(beside, beside + 30.0);
             let all = weight(0.0, beside + 30.0) + weight(0.0, 30.0 - beside);
             near(name, beside, power, 0.1 * right / all, 0.12);
+        }
+    }
+}
+
+/// Behind a layer that occludes, the power around at its surface goes on, by what the layer throws back, and fades; the
+/// path of fluid beside it stays dark.
+#[test]
+fn what_occludes_fills_its_shadow() {
+    let frame = Frame::around([0.0, 30.0, 0.0], [160, 180, 3], 0.5);
+    let occluding = |impedance_mrayl| Acoustics {
+        occlusion_per_mm: 0.9999,
+        impedance_mrayl,
+        echo_db: -200.0,
+        ..PLAIN
+    };
+    let fluid = Acoustics {
+        echo_db: -200.0,
+        ..PLAIN
+    };
+    let (gas, bone) = (0.0004, 7.0);
+    for (name, backend) in precisions() {
+        for (impedance_mrayl, share) in [(gas, 1.0), (bone, ((7.0f64 - 1.7) / (7.0 + 1.7)).powi(2))] {
+            let tissues = [SILENT, PLAIN, fluid, occluding(impedance_mrayl)];
+            let anatomy = anatomy::anatomy_from(frame.clone(), &tissues, |p| match (p[0] > 0.0, p[1]) {
+                (_, y) if y < 20.0 => 1,
+                (true, y) if y < 23.0 => 3,
+                _ => 2,
+            });
+            let shape = ProbeShape::Linear(Linear { width_mm: WIDTH_MM });
+            let mut settings = scene::settings(scene::probe(shape, DEPTH_MM, LINES, SAMPLES), scene::bare());
+            settings.effects.shadow = Some(Shadow {
+                attenuation: false,
+                mirror: 0.0,
+                reverberation: 0.0,
+                ..Shadow::default()
+            });
+            settings.effects.haze = Some(Haze {
+                level_db: -20.0,
+                lateral_mm: 2.0,
+                axial_mm: 1.0,
+                behind_db: -10.0,
+                behind_mm: 25.0,
+            });
+            let mut powers = [vec![], vec![], vec![]];
+            for seed in 0..12 {
+                settings.seed = seed;
+                let backend = match backend {
+                    Backend::CpuF64 => Backend::CpuF64,
+                    _ => Backend::Cpu,
+                };
+                let beam = beam_after(&anatomy, &settings, backend, "haze", &scene::straight());
+                for (powers, (lines, depth)) in powers.iter_mut().zip([(160..240, 30), (160..240, 55), (0..80, 30)]) {
+                    for line in lines {
+                        let row = &beam.amplitude[line * beam.samples + depth * 10..][..10];
+                        powers.extend(row.iter().map(|amplitude| amplitude.powi(2)));
+                    }
+                }
+            }
+            let [near_it, far, beside] = powers.map(|powers| mean(&powers));
+            // The layer lies where the mean around is that of the tissue above it.
+            let expected = |depth: f64| 0.1 * share * (-(depth + 0.5 - 20.0) / 25.0).exp();
+            near(name, 30.0, near_it, expected(30.0), 0.15);
+            near(name, 55.0, far, expected(55.0), 0.15);
+            assert!(beside < 1e-5, "{name}: {beside} below tissue");
         }
     }
 }
