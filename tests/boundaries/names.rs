@@ -256,17 +256,22 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     (
         "imaging/effects/compound.rs",
         &["speckle", "shadow"],
-        "turns the scatterers, and averages what the shadow leaves",
+        "rotates the phase of the scatterers, and averages what the shadow leaves",
     ),
     (
         "imaging/effects/speckle/tables.rs",
         &["compound"],
-        "makes up for what the lattice takes from turned scatterers",
+        "makes up for what the lattice takes from scatterers with other phases",
     ),
     (
         "imaging/effects/speckle/spread.rs",
         &["compound"],
         "spreads the looks, too",
+    ),
+    (
+        "imaging/effects/refraction.rs",
+        &["compound"],
+        "follows the rays of the looks",
     ),
     (
         "imaging/effects/table.rs",
@@ -276,7 +281,7 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     (
         "imaging/effects/haze.rs",
         &["receiver", "speckle", "shadow"],
-        "its pattern is drawn as clutter is, with the point spread",
+        "its pattern is drawn as clutter is, with the point spread; what occludes throws sound back",
     ),
     (
         "imaging/effects/receiver.rs",
@@ -307,7 +312,7 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/scene/doubts.rs",
-        &["compound", "needle", "table"],
+        &["compound", "needle"],
         "tells of needles beside the plane, and of looks that have nothing to compound",
     ),
     ("imaging/scene/vary.rs", &["tone"], "an example of a key"),

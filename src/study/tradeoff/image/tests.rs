@@ -101,7 +101,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_grid", 4),
         ("image_backend", 4),
         ("image_labels", 12),
-        ("image_effects", 20),
+        ("image_effects", 22),
         ("image_sampling", 15),
         ("image_texture", 2),
         ("image_lookup", 6),
