@@ -186,7 +186,7 @@ fn what_occludes_fills_its_shadow() {
             settings.effects.haze = Some(Haze {
                 level_db: -40.0,
                 lateral_mm: 2.0,
-                axial_mm: 10.0,
+                axial_mm: 4.0,
                 behind_db: -10.0,
                 behind_mm: 25.0,
             });
@@ -198,7 +198,7 @@ fn what_occludes_fills_its_shadow() {
                     _ => Backend::Cpu,
                 };
                 let beam = beam_after(&anatomy, &settings, backend, "haze", &scene::straight());
-                for (powers, (lines, depth)) in powers.iter_mut().zip([(160..240, 30), (160..240, 55), (0..80, 30)]) {
+                for (powers, (lines, depth)) in powers.iter_mut().zip([(150..220, 30), (150..220, 55), (0..80, 30)]) {
                     for line in lines {
                         let row = &beam.amplitude[line * beam.samples + depth * 10 - 20..][..40];
                         powers.extend(row.iter().map(|amplitude| amplitude.powi(2)));
