@@ -43,9 +43,82 @@ fn placed(volume: &LabelVolume, plane: ScanPlane) -> Result<Placement, TrackingE
     };
     let options = PlacementOptions {
         plane: Some(plane),
+        may_press: false,
         ..PlacementOptions::default()
     };
     place(volume, &[2], &meaning, &options)
+}
+
+/// Gaps between the ends of the array and the cylinder, and the depth to which its middle is pressed in, mm.
+fn contact_mm(pose: &Matrix4<f64>) -> ([f64; 2], f64) {
+    let probe = Probe::new(PlacementOptions::default().shape, 150.0).unwrap();
+    let grid = BeamGrid::new(&probe).unwrap();
+    let ends = [0, grid.lines() - 1].map(|line| {
+        let ray = &grid.rays()[line];
+        let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
+        let along = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
+        let gaps = (0..400).map(|step| 0.1 * f64::from(step));
+        let mut gaps = gaps.filter(|gap| {
+            let p = start + along * *gap;
+            p.x.hypot(p.y) < 90.0
+        });
+        gaps.next().unwrap_or(f64::INFINITY)
+    });
+    let origin = column(pose, 3);
+    (ends, 90.0 - origin.x.hypot(origin.y))
+}
+
+/// A convex array on a round body touches with its middle alone; it is pressed in until both ends do.
+#[test]
+fn the_array_is_pressed_in_until_its_ends_touch() {
+    let volume = cylinder(Vector3::new(0.0, -40.0, 5.0), |_| false, BOX);
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|label| label == 3,
+    };
+    for may_press in [false, true] {
+        let options = PlacementOptions {
+            plane: Some(ScanPlane::Transverse),
+            may_press,
+            ..PlacementOptions::default()
+        };
+        let place = place(&volume, &[2], &meaning, &options).unwrap();
+        let (ends_mm, pressed_mm) = contact_mm(&place.probe_to_world);
+        if may_press {
+            assert!(ends_mm.iter().all(|end| *end < 13.0), "{ends_mm:?}");
+            assert!((4.0..12.0).contains(&pressed_mm), "{pressed_mm}");
+        } else {
+            assert!(ends_mm.iter().all(|end| *end > 15.0), "{ends_mm:?}");
+            assert!(pressed_mm < 2.0, "{pressed_mm}");
+        }
+    }
+}
+
+/// Between ribs that leave less of a gap than the directions that are tried lie apart, the probe slides and rocks to
+/// where the target shows.
+#[test]
+fn the_probe_slides_and_rocks_into_a_gap_between_ribs() {
+    let ball = Vector3::new(0.0, -10.0, 0.0);
+    let volume = |gap_deg: f64| {
+        cylinder(
+            ball,
+            move |p| {
+                let angle_deg = p.x.atan2(-p.y).to_degrees();
+                (76.0..82.0).contains(&p.x.hypot(p.y)) && (angle_deg - gap_deg).abs() > 9.0
+            },
+            BOX,
+        )
+    };
+    for gap_deg in [0.0, 4.5, 16.0, -27.0] {
+        let place = placed(&volume(gap_deg), ScanPlane::Sagittal).unwrap();
+        let origin = column(&place.probe_to_world, 3);
+        let at_deg = origin.x.atan2(-origin.y).to_degrees();
+        assert!(
+            (at_deg - gap_deg).abs() < 6.0,
+            "at {at_deg} degrees, the gap at {gap_deg}"
+        );
+        assert!(place.visible > 0.97, "{gap_deg}: {place:?}");
+    }
 }
 
 const BOX: [f64; 3] = [110.0, 110.0, 120.0];
@@ -256,6 +329,8 @@ fn a_radial_probe_lies_in_the_middle_of_a_vessel_across_it() {
         is_bone_or_gas: &|_| false,
     };
     let options = |radius_mm, plane| PlacementOptions {
+        reach_mm: 0.0,
+        may_press: false,
         plane,
         shape: Radial { radius_mm }.into(),
         depth_mm: 20.0,
