@@ -8,7 +8,8 @@
 //!   the IT'IS Foundation's tissue database, acoustic properties.
 //! - Echogenicity: order and spacing after the backscatter coefficients in Szabo, appendix B, and Duck, section 4.4
 //!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded
-//!   to the appearance of B-mode frames. Fluids are near the floor of a 60 dB display: what is visible in them is
+//!   to the appearance of B-mode frames: in five of the liver the wall of the body is at least as bright as the liver,
+//!   and the cortex of kidneys beside it has 0.45 to 0.7 of its grey. Fluids are near the floor of a 60 dB display: what is visible in them is
 //!   clutter.
 //! - Capsules and walls: no measurement available; 0.06 gives some 10 dB above liver at perpendicular incidence, as the
 //!   capsules of liver and kidney show in clinical frames. A vessel in an organ has half of that, between the walls of
@@ -110,13 +111,13 @@ static PRESETS: &[Tissue] = &[
     row("background",             0x000000, "",                    [-100.0, 0.0,  0.0,  1.54],   [1.0,    0.45,  0.0,   0.0]),
     row("air",                    0x101820, "",                    [-60.0,  1.6,  1.0,  0.0004], [0.1,    0.0,   0.0,   0.0]),
     row("gas",                    0x5a6a78, "gas",                 [12.0,   1.6,  0.75, 0.0004], [0.1,    0.0,   0.0,   0.0]),
-    row("skin",                   0xe0b090, "skin",                [6.0,    1.8,  0.0,  1.99],   [100.0,  0.48,  0.04,  2.0]).along(ACROSS_LAYERS),
-    row("fat",                    0xf2d36b, "fat",                 [-7.0,   0.6,  0.0,  1.38],   [3.0,    0.49,  0.008, 0.3]).along(ACROSS_LAYERS),
+    row("skin",                   0xe0b090, "skin",                [0.0,    1.8,  0.0,  1.99],   [100.0,  0.48,  0.04,  2.0]).along(ACROSS_LAYERS),
+    row("fat",                    0xf2d36b, "fat",                 [1.0,    0.6,  0.0,  1.38],   [3.0,    0.49,  0.008, 0.3]).along(ACROSS_LAYERS),
     row("peritoneal_fat",         0xe6c25a, "fat",                 [3.0,    0.6,  0.0,  1.38],   [2.5,    0.49,  0.008, 0.3]).scaled(1.3),
     row("epidural_fat",           0xd8b44c, "fat",                 [4.0,    0.6,  0.0,  1.38],   [2.5,    0.49,  0.006, 0.2]).scaled(0.6),
-    row("muscle",                 0xa8483c, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(ABDOMINAL_FIBRES),
+    row("muscle",                 0xa8483c, "muscle",              [-1.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(ABDOMINAL_FIBRES),
     row("muscle_paraspinal",      0x9a3f36, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [14.0,   0.49,  0.02,  0.9]).along(PARASPINAL_FIBRES),
-    row("muscle_internal",        0xb4564a, "muscle",              [-6.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(INTERNAL_FIBRES).within(1.5 * CAPSULE),
+    row("muscle_internal",        0xb4564a, "muscle",              [-1.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(INTERNAL_FIBRES).within(0.75 * CAPSULE),
     row("fascia",                 0xe8dcc8, "fascia",              [11.0,   1.57, 0.0,  1.81],   [300.0,  0.48,  0.06,  3.0]).along(ACROSS_LAYERS),
     row("ligament",               0xd8ccb0, "fascia",              [8.0,    2.5,  0.0,  1.84],   [500.0,  0.48,  0.08,  4.0]).along(ACROSS_LAYERS),
     row("capsule",                0xf0e6d8, "",                    [10.0,   1.57, 0.0,  1.80],   [100.0,  0.49,  0.04,  1.5]),
@@ -135,7 +136,7 @@ static PRESETS: &[Tissue] = &[
     row("vessel_wall",            0xc05060, "",                    [8.0,    1.57, 0.0,  1.70],   [300.0,  0.49,  0.03,  1.2]),
     row("bile",                   0x5c8c3c, "bile",                [-66.0,  0.05, 0.0,  1.54],   [0.5,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("gallbladder_wall",       0x7ca858, "",                    [8.0,    0.8,  0.0,  1.64],   [50.0,   0.49,  0.02,  1.0]),
-    row("kidney_cortex",          0x96503c, "kidney_cortex",       [-5.0,   0.6,  0.0,  1.63],   [7.0,    0.49,  0.02,  1.0]).within(CAPSULE).organ(),
+    row("kidney_cortex",          0x96503c, "kidney_cortex",       [-7.0,   0.6,  0.0,  1.63],   [7.0,    0.49,  0.02,  1.0]).within(CAPSULE).organ(),
     row("kidney_medulla",         0x7a3c30, "kidney_medulla",      [-12.0,   0.5,  0.0,  1.62],   [5.0,    0.49,  0.02,  0.9]).within(CAPSULE),
     row("renal_sinus",            0xdcb478, "renal_sinus",         [9.0,    0.7,  0.0,  1.45],   [4.0,    0.49,  0.01,  0.4]).within(CAPSULE),
     row("spleen",                 0x7c3050, "spleen",              [1.0,    0.4,  0.0,  1.66],   [15.0,   0.49,  0.02,  0.9]).within(CAPSULE).organ(),
