@@ -22,8 +22,8 @@ const SOFT_MRAYL = 1.7;
 
 @group(0) @binding(0) var<storage, read> params: Params;
 
-// What occluding tissue throws back, per scanline.
-@group(0) @binding(1) var<storage, read> tissues: array<u32>;
+// What occluding tissue throws back, per scanline; labels for the sum with the echoes, too.
+@group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> label_rows: array<LabelRow>;
 @group(0) @binding(3) var<storage, read_write> reflected: array<f32>;
 
@@ -35,14 +35,13 @@ const SOFT_MRAYL = 1.7;
 @group(0) @binding(5) var<storage, read> reflectors_down: array<f32>;
 
 // Sum with the echoes.
-@group(0) @binding(1) var<storage, read> labels: array<u32>;
 @group(0) @binding(2) var<storage, read> pattern: array<f32>;
 @group(0) @binding(3) var<storage, read> means_around_columns: array<f32>;
 @group(0) @binding(4) var<storage, read_write> amplitudes: array<f32>;
 
 // Loss to occlusion of a sample, units.
 fn occluded(index: u32) -> u32 {
-    let row = label_rows[tissues[index]];
+    let row = label_rows[labels[index]];
     return row.loss - row.attenuation;
 }
 
@@ -70,12 +69,12 @@ fn reflectors(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_i
         let before = exp2(f32(units) * params.per_unit);
         units = min(units + occluded(line + i), MAX_UNITS);
         let left = exp2(f32(units) * params.per_unit);
-        reflected[line + i] = thrown_back(label_rows[tissues[line + i]].impedance) * (before - left);
+        reflected[line + i] = thrown_back(label_rows[labels[line + i]].impedance) * (before - left);
     }
 }
 
 // Mean share of the power that is reflected at a sample.
-fn held_back(column: u32, sample: u32) -> f32 {
+fn thrown_back_across(column: u32, sample: u32) -> f32 {
     var sum = 0.0;
     for (var line = 0u; line < params.lines; line++) {
         sum += weights[column * params.lines + line] * reflectors_down[line * params.samples + sample];
@@ -112,13 +111,13 @@ fn means_around(@builtin(local_invocation_index) thread: u32, @builtin(workgroup
     for (var i = start; i < end; i++) {
         above = above * left + means[row + i];
         means[row + i] = above;
-        sum = sum * behind_left + held_back(group.y, i) * above;
+        sum = sum * behind_left + thrown_back_across(group.y, i) * above;
     }
-    var held = decaying_sum(thread, sum, params.behind_fading * f32(each));
+    var reverberant = decaying_sum(thread, sum, params.behind_fading * f32(each));
     for (var i = start; i < end; i++) {
         above = means[row + i];
-        held = held * behind_left + held_back(group.y, i) * above;
-        means[row + i] = (above + params.behind * held) / gains[i];
+        reverberant = reverberant * behind_left + thrown_back_across(group.y, i) * above;
+        means[row + i] = (above + params.behind * reverberant) / gains[i];
     }
 }
 

@@ -151,7 +151,7 @@ fn shift(look: u32, sample: u32) -> i32 {
 }
 
 // Curvature of a sample's own phase where a ray of a half beam width crosses it.
-fn bend(look: u32, half: u32, sample: u32) -> i32 {
+fn own_curvature(look: u32, half: u32, sample: u32) -> i32 {
     let position = i32(half * PARTS) + shift(look, sample) * i32(SCANLINE) / i32(params.half / PARTS);
     let first = clamp(position >> 4u, 1, i32(halves()) - 3);
     let after = clamp(position - first * i32(PARTS), 0, i32(PARTS));
@@ -170,23 +170,23 @@ fn rays(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) gro
     let look = group.y / halves();
     let half = group.y % halves();
     // One way and the other: prefix sums are those of numbers that are not negative.
-    var bent = vec2<u32>();
+    var each_way = vec2<u32>();
     for (var i = start; i < end; i++) {
-        let here = bend(look, half, i);
-        bent += vec2<u32>(u32(max(here, 0)), u32(max(-here, 0)));
+        let here = own_curvature(look, half, i);
+        each_way += vec2<u32>(u32(max(here, 0)), u32(max(-here, 0)));
     }
-    let bent_above = i32(exclusive(thread, bent.x)) - i32(exclusive(thread, bent.y));
+    let down_above = i32(exclusive(thread, each_way.x)) - i32(exclusive(thread, each_way.y));
     let left = exp2(params.fading);
-    var down = bent_above;
+    var down = down_above;
     var sum = 0.0;
     for (var i = start; i < end; i++) {
-        down += bend(look, half, i);
+        down += own_curvature(look, half, i);
         sum = sum * left + f32(down) * scale(i);
     }
     var above = decaying_sum(thread, sum, params.fading * f32(each));
-    down = bent_above;
+    down = down_above;
     for (var i = start; i < end; i++) {
-        down += bend(look, half, i);
+        down += own_curvature(look, half, i);
         above = above * left + f32(down) * scale(i);
         curvatures[group.y * params.samples + i] = above;
     }

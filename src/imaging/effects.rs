@@ -333,7 +333,7 @@ macro_rules! registry {
                 }
             }
 
-            /// Returns the usual effects of a raw scanner.
+            /// Returns the usual effects of every scanner: those of a raw one.
             pub fn usual() -> Self {
                 Self::of(Scanner::Raw)
             }

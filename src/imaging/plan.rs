@@ -84,14 +84,21 @@ impl Plan {
         let (mut passes, mut without) = (Vec::new(), Vec::new());
         for effect in REGISTRY {
             match (effect.wanted)(tables) {
-                Wanted::Yes(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| PlannedPass {
-                    pass,
-                    effect: effect.name,
-                    needed_by: match effect.remove {
+                Wanted::Yes(reason) => passes.extend((effect.passes)(tables).into_iter().map(|pass| {
+                    let needed_by = match effect.remove {
                         None => Some(EVERY_FRAME),
                         Some(_) => (effect.needed_by)(tables, pass),
-                    },
-                    reason: reason.clone(),
+                    };
+                    let other = REGISTRY.iter().find(|other| Some(other.name) == needed_by);
+                    PlannedPass {
+                        pass,
+                        effect: effect.name,
+                        needed_by,
+                        reason: match other.map(|other| (other.wanted)(tables)) {
+                            Some(Wanted::Yes(reason)) => reason,
+                            _ => reason.clone(),
+                        },
+                    }
                 })),
                 Wanted::No(reason) => without.push(Omitted {
                     name: effect.name,
@@ -207,6 +214,7 @@ impl Plan {
                 .iter()
                 .filter(|(_, origin)| **origin == Origin::Scanner)
                 .map(|(effect, _)| *effect)
+                .filter(|effect| self.has(effect))
                 .collect(),
             dispatches: self.fused(MAX_BUFFERS).iter().map(|fused| self.names(fused)).collect(),
             without: self.without.iter().map(left_out).collect(),

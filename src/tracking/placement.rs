@@ -4,8 +4,8 @@
 //! volume that cuts the body, the probe could stand. Each such position is scored by a fan of rays: how many reach the
 //! target before bone or gas, how much of the target they see, how much of the sector shows nothing, how far away the
 //! target is and how perpendicular the probe is to the skin. From the best positions the probe is slid over the skin,
-//! rocked and tilted, as a hand does it, as long as the score rises. The array is pressed in until its ends touch, if it
-//! may be. A position from which an end lies off the skin, or past a face that cuts the body, is taken only where there
+//! rocked and tilted, as a hand does it, as long as the score rises. If it may be, the array is pressed in so far that
+//! its ends come within reach of the skin. A position from which an end lies off the skin, or past a face that cuts the body, is taken only where there
 //! is no other.
 
 mod lumen;
@@ -204,7 +204,7 @@ pub fn deepest_mm(
     deepest
 }
 
-/// A position of the probe: where a ray outwards from a point leaves the body.
+/// A position of the probe: where a ray outwards from a point leaves the body, and how the probe stands there.
 #[derive(Clone, Copy)]
 struct Position {
     aim: Point3<f64>,
@@ -241,7 +241,7 @@ struct Candidate {
     placement: Placement,
     /// Fraction of the array past a face that cuts the body.
     beyond: f64,
-    /// Whether both ends of the array touch the skin.
+    /// Whether both ends of the array touch the skin, or nothing makes them.
     touches: bool,
 }
 
@@ -327,16 +327,20 @@ impl Search<'_> {
         if upright < 0.6 {
             return None;
         }
-        let mut pose = pose(skin + axial * PRESS_MM, &axes);
+        let mut pressed_mm = PRESS_MM;
+        let mut pose = pose(skin + axial * pressed_mm, &axes);
         if self.options.may_press {
-            let press_mm = (PRESSED * self.end_gap_mm(&pose)).clamp(PRESS_MM, MAX_PRESS_MM.min(self.options.reach_mm));
-            pose = self::pose(skin + axial * press_mm, &axes);
+            let gap_mm = self.end_gap_mm(&pose);
+            // Without skin below an end, no press helps.
+            let wanted_mm = if gap_mm.is_finite() { PRESSED * gap_mm } else { 0.0 };
+            pressed_mm = wanted_mm.min(MAX_PRESS_MM).min(self.options.reach_mm).max(PRESS_MM);
+            pose = self::pose(skin + axial * pressed_mm, &axes);
         }
-        let fan = self.look(&pose);
+        let fan = self.look(&pose, pressed_mm);
         if fan.seen <= 0.0 {
             return None;
         }
-        let touches = self.end_gap_mm(&pose) <= self.options.reach_mm;
+        let touches = !self.options.may_press || self.end_gap_mm(&pose) <= self.options.reach_mm;
         let visible = fan.seen / (fan.seen + fan.hidden);
         let from_behind = axial.y.min(0.0).abs();
         let size = fan.seen.sqrt() / self.options.depth_mm;
@@ -383,7 +387,10 @@ impl Search<'_> {
             score,
             note: Note::new(
                 head,
-                format_args!("probe on the skin at ({:.0}, {:.0}, {:.0}) mm", skin.x, skin.y, skin.z),
+                format_args!(
+                    "probe on the skin at ({:.0}, {:.0}, {:.0}) mm, pressed in by {pressed_mm:.1} mm",
+                    skin.x, skin.y, skin.z
+                ),
             ),
         };
         Some(Candidate {
@@ -460,8 +467,8 @@ impl Search<'_> {
         ends[0].max(ends[1])
     }
 
-    /// Evaluates the fan of rays of a pose.
-    fn look(&self, pose: &Matrix4<f64>) -> Fan {
+    /// Evaluates the fan of rays of a pose, and what lies above it where the array is pressed in.
+    fn look(&self, pose: &Matrix4<f64>, pressed_mm: f64) -> Fan {
         let mut fan = Fan::default();
         let mut all = 0.0;
         let middle = (RAYS - 1) as f64 / 2.0;
@@ -471,7 +478,13 @@ impl Search<'_> {
             let start = pose.transform_point(&Point3::new(ray.origin[0], ray.origin[1], 0.0));
             let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
             let (mut blocked, mut reached, mut touched, mut beyond) = (false, None, false, false);
-            let mut depth = 0.5 * STEP_MM;
+            // Tissue that gives way to the array lies before it all the same.
+            let mut depth = 0.5 * STEP_MM - pressed_mm;
+            while depth < 0.0 {
+                let label = self.volume.label_index_at(&(start + direction * depth));
+                blocked |= label.is_some_and(self.meaning.is_bone_or_gas);
+                depth += STEP_MM;
+            }
             while depth < self.options.depth_mm {
                 let point = start + direction * depth;
                 let area = STEP_MM * self.fan.lateral_spacing_mm(depth);

@@ -216,6 +216,7 @@ fn processing_that_does_nothing_is_told() {
     for (more, told) in [
         (format!("{phased}[effects]\ncompound = true"), true),
         ("effects = { compound = true, speckle = false }".to_owned(), true),
+        (format!("{phased}scanner = \"clinical\""), true),
         ("effects.speckle = false".to_owned(), false),
         (String::new(), false),
     ] {

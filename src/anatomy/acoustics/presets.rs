@@ -7,10 +7,10 @@
 //!   R. L. Johnston and F. Dunn, JASA 64 (1978) 423; M. O. Culjat et al., Ultrasound Med. Biol. 36 (2010) 861, table 1;
 //!   the IT'IS Foundation's tissue database, acoustic properties.
 //! - Echogenicity: order and spacing after the backscatter coefficients in Szabo, appendix B, and Duck, section 4.4
-//!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres), rounded
-//!   to the appearance of B-mode frames: in five of the liver the wall of the body is at least as bright as the liver,
-//!   and the cortex of kidneys beside it has 0.45 to 0.7 of its grey. Fluids are near the floor of a 60 dB display: what is visible in them is
-//!   clutter.
+//!   (blood some 25 dB and more below liver, fat and connective tissue above, muscle below across its fibres),
+//!   rounded to the appearance of B-mode frames: in five of the liver the wall of the body is at least as bright as
+//!   the liver, and the cortex of kidneys beside it has 0.45 to 0.7 of its grey. Fluids are near the floor of a 60 dB
+//!   display: what is visible in them is clutter.
 //! - Capsules and walls: no measurement available; 0.06 gives some 10 dB above liver at perpendicular incidence, as the
 //!   capsules of liver and kidney show in clinical frames. A vessel in an organ has half of that, between the walls of
 //!   portal branches, which have twice as much, and of hepatic veins, which have none. The middle one of the flat

@@ -107,10 +107,13 @@ impl Steering {
     /// samples.
     pub(crate) fn shifts(&self, grid: &BeamGrid) -> Vec<i32> {
         let fan = Fan::of(grid);
+        // Farther than the array is wide, no look comes from it.
+        let widest = grid.lines() as f64;
         let row = |steps: usize| {
             let fan = &fan;
             let ray = steps as f64 * self.step;
-            (0..grid.samples()).map(move |sample| fan.shift(ray, grid.sample_depth_mm(sample), grid).round() as i32)
+            (0..grid.samples())
+                .map(move |sample| fan.shift(ray, grid.sample_depth_mm(sample), grid).min(widest).round() as i32)
         };
         (0..=self.on_side).flat_map(row).collect()
     }

@@ -4,7 +4,8 @@
 //! gel fills the remaining gaps. On each scanline the gap between array and skin is found, up to a reach, and samples
 //! are shifted to deeper tissue by the gap at the array and less below: `s -> s + gap (1 - s / fade)^2`, which
 //! preserves the order of tissue along the beam as long as the gap is less than half the fade. Where the array is
-//! pressed in, the gap is negative, and the skin gives way, unless a mesh deforms and does so itself. Beyond the reach
+//! pressed in, the gap is negative, and the skin gives way, unless a mesh deforms and does so itself, or the probe is
+//! one for lumens. Beyond the reach
 //! there is no contact: the scanline shows the void, or begins in the body. Gaps are those of the tissue at rest,
 //! smoothed over neighbouring scanlines because skin is smooth.
 //!
@@ -33,6 +34,7 @@ use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
+use insonify_tracking::probe::Site;
 
 parameters! {
     /// Contact between skin and array.
@@ -106,6 +108,8 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
         .contact
         .as_ref()
         .map_or(0.0, |contact| contact.reach_mm);
+    // A mesh gives way by itself; probes for lumens have skin on all sides.
+    let may_press = tables.mesh.is_none() && tables.settings.probe.shape.kind().site() == Site::Skin;
     let lines = tables.lines();
     let to_index = tables.volume.world_to_index() * state.probe_to_world;
     let gap = |line: usize| {
@@ -120,7 +124,7 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
             tables.volume.label_at_index(index).map(|label| label > 0)
         };
         let is_inside = is_body(0.0) == Some(true);
-        if is_inside && tables.mesh.is_some() {
+        if is_inside && !may_press {
             return 0.0;
         }
         let towards = if is_inside { -STEP_MM } else { STEP_MM };

@@ -11,7 +11,8 @@
 //!
 //! What occludes throws sound back and forth between itself and what lies above: where power of the beam is lost to it,
 //! a share of the mean power around goes on to fill the dark behind, and falls over `behind_mm`. Gas throws all back,
-//! so that its shadows are dirty; bone takes up what its surface does not reflect, and its shadows are darker.
+//! so that its shadows are dirty, and so do bubbles in the contents of the bowel; bone takes up what its surface does not
+//! reflect, and its shadows are darker. Needles throw nothing back.
 //!
 //! No theory gives the usual numbers: with them the dark of frames is as grey as that of real ones, the lumens of
 //! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black, shadows
@@ -166,7 +167,7 @@ static GAINS: Buffer = Buffer::new(283, "HazeGains", 4, |tables| tables.effects.
     .derived(|_, derived| bytes_of(&derived.haze.gains));
 /// Per sample: share of the power of the beam that occluding tissue throws back there (`f32`).
 static REFLECTORS: Buffer = Buffer::new(280, "HazeReflectors", 4, beam);
-/// Per column and sample: mean power around, and what bone and gas hold back (`f32`).
+/// Per column and sample: mean power around, with what occluding tissue throws back (`f32`).
 static MEANS: Buffer = Buffer::new(284, "HazeMeans", 4, means_of_beam);
 
 fn means_of_beam(tables: &Tables) -> usize {
@@ -343,10 +344,11 @@ fn reflectors_of<T: Real>(tables: &Tables, labels: &[u8], reflectors: &mut [T]) 
 /// tissue, and takes up the rest; otherwise, as bubbles scatter, all.
 #[inline(always)]
 fn thrown_back<T: Real>(impedance_mrayl: f32) -> T {
-    let (impedance, soft) = (T::of(f64::from(impedance_mrayl)), T::of(SOFT_MRAYL));
-    if impedance <= soft {
+    // In single precision on all backends.
+    if impedance_mrayl <= SOFT_MRAYL as f32 {
         return T::one();
     }
+    let (impedance, soft) = (T::of(f64::from(impedance_mrayl)), T::of(SOFT_MRAYL));
     let step = (impedance - soft) / (impedance + soft);
     step * step
 }
@@ -401,7 +403,7 @@ impl<T: Real> Kernel for Column<'_, T> {
         let (left, share) = (T::of(numbers.fading.exp2()), T::of(numbers.share()));
         let (behind, behind_left) = (T::of(numbers.behind), T::of(numbers.behind_fading.exp2()));
         let samples = self.gains.len();
-        let (mut above, mut held) = (T::zero(), T::zero());
+        let (mut above, mut reverberant) = (T::zero(), T::zero());
         for (block, means) in self.means.chunks_mut(BLOCK).enumerate() {
             let start = block * BLOCK;
             let mut reflected = [T::zero(); BLOCK];
@@ -414,8 +416,8 @@ impl<T: Real> Kernel for Column<'_, T> {
             for ((mean, reflected), gain) in means.iter_mut().zip(&reflected).zip(&self.gains[start..]) {
                 let gain = T::of(f64::from(*gain));
                 above = above * left + *mean * share * gain;
-                held = held * behind_left + *reflected * above;
-                *mean = (above + behind * held) / gain;
+                reverberant = reverberant * behind_left + *reflected * above;
+                *mean = (above + behind * reverberant) / gain;
             }
         }
     }

@@ -191,7 +191,10 @@ static REFRACTION_SHIFTS: Buffer = Buffer::new(274, "RefractionShifts", 4, |tabl
 static CURVATURES: Buffer = Buffer::new(276, "Curvatures", 4, curvatures_of_beam);
 
 fn curvatures_of_beam(tables: &Tables) -> usize {
-    (1 + steered(tables)) * phases_of_beam(tables)
+    match steered(tables) {
+        0 => 0,
+        steered => (1 + steered) * phases_of_beam(tables),
+    }
 }
 
 columns! {
@@ -543,7 +546,7 @@ impl<T: Real> Spread<T> {
             let down = &phases[half as usize * self.samples..];
             down[sample] - sample.checked_sub(1).map_or(0, |above| down[above])
         };
-        let mut bent = 0i32;
+        let mut down_to = 0i32;
         let mut sum = T::zero();
         for sample in 0..self.samples {
             // A sixteenth of half a beam width is the step from place to place.
@@ -553,8 +556,8 @@ impl<T: Real> Spread<T> {
             let after = (position - first * parts).clamp(0, parts);
             let [a, b, c, d] = std::array::from_fn(|point| increment(first + point as i32 - 1, sample));
             let (near, far) = (curvature(a, b, c), curvature(b, c, d));
-            bent += near + ((far - near) >> PARTS.ilog2()) * after;
-            let term = T::from_signed(bent) * self.scale(sample);
+            down_to = down_to.saturating_add(near + ((far - near) >> PARTS.ilog2()) * after);
+            let term = T::from_signed(down_to) * self.scale(sample);
             sum = sum * self.left + term;
             each(sample, term.abs(), sum);
         }

@@ -60,6 +60,8 @@ pub enum Origin {
     Unlisted,
     /// Not one of the usual effects, and not named by the scene.
     Unusual,
+    /// One of the usual effects of another scanner than that of the scene, which does not name it.
+    OtherScanner,
     /// A scene of version 1 names others.
     Unnamed,
 }
@@ -76,6 +78,7 @@ impl Origin {
             Self::Usual | Self::Scanner | Self::Named => None,
             Self::Off => Some(format!("left out by `{effect} = false`")),
             Self::Unlisted => Some("not in `only`".to_owned()),
+            Self::OtherScanner => Some("not with this `scanner`; name it, or take \"clinical\"".to_owned()),
             Self::Unusual => Some("not usual; name it to have it".to_owned()),
             Self::Unnamed => Some("not named, and with `version = 1` naming others leaves it out".to_owned()),
         }
@@ -115,7 +118,8 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
         (None, Some(false)) => Ok((None, Origin::Unlisted)),
         (None, None) => Ok(match usual {
             None => (None, Origin::Unnamed),
-            Some(scanner) if !P::USUAL.contains(&scanner) => (None, Origin::Unusual),
+            Some(_) if P::USUAL.is_empty() => (None, Origin::Unusual),
+            Some(scanner) if !P::USUAL.contains(&scanner) => (None, Origin::OtherScanner),
             Some(_) if P::USUAL == Scanner::ALL => (Some(P::default()), Origin::Usual),
             Some(_) => (Some(P::default()), Origin::Scanner),
         }),

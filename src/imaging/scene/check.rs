@@ -131,11 +131,12 @@ impl SceneFile {
         if is_stated && self.version.is_none() {
             notes.extend(table.formerly(scanner));
         }
-        let is_exact = excluding || table.only.is_some();
-        if self.scanner == Some(Scanner::Clinical) && is_exact {
-            notes.push(
-                "`scanner = \"clinical\"` adds nothing, as `[effects]` names all effects of the scene".to_owned(),
-            );
+        let exact = match &table.only {
+            Some(_) => Some("`effects.only` lists all effects"),
+            None => excluding.then_some("with `version = 1` `[effects]` names all effects"),
+        };
+        if let (Some(Scanner::Clinical), Some(exact)) = (self.scanner, exact) {
+            notes.push(format!("`scanner = \"clinical\"` adds nothing, as {exact}"));
         }
         // A picture without log compression looks like a fault; who says `tone = false` means it.
         let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));

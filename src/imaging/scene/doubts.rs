@@ -225,9 +225,14 @@ impl Scene {
         })
     }
 
-    /// Doubt about compounding that the scene names and cannot have.
-    pub(super) fn idle_compounding(&self) -> Option<String> {
-        if self.origins.get("compound") != Some(&Origin::Named) {
+    /// Doubt about compounding that the scene calls for by name or by a scanner `is_stated`, and cannot have.
+    pub(super) fn idle_compounding(&self, is_stated: bool) -> Option<String> {
+        let is_called_for = match self.origins.get("compound") {
+            Some(Origin::Named) => true,
+            Some(Origin::Scanner) => is_stated,
+            _ => false,
+        };
+        if !is_called_for {
             return None;
         }
         let grid = BeamGrid::new(&self.settings.probe).ok()?;

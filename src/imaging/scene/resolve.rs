@@ -194,7 +194,7 @@ impl SceneFile {
             blind,
         };
         scene.warnings.extend(scene.unseen_needle());
-        scene.warnings.extend(scene.idle_compounding());
+        scene.warnings.extend(scene.idle_compounding(self.scanner.is_some()));
         scene.warnings.extend(self.needle.as_ref().and_then(doubts::of_needle));
         scene.warnings.extend(scene.reversed_needle());
         Ok(scene)

@@ -62,9 +62,10 @@ fn a_belly_touches_a_straight_array_within_reach() {
 /// skin in reach or beside a face that cuts the body.
 #[test]
 fn skin_gives_way_where_an_array_is_pressed_in() {
-    let frame = Frame::around([0.0, 45.0, 0.0], [121, 240, 5], 0.5);
-    for (skin_mm, pressed_mm) in [(-4.0, 4.0), (-9.0, 0.0), (-100.0, 0.0)] {
-        let body = anatomy::anatomy_from(frame.clone(), &[SILENT, PLAIN], |p| u8::from(p[1] > skin_mm));
+    // In the last case the volume begins at -3 mm.
+    for (skin_mm, pressed_mm, middle_mm) in [(-4.0, 4.0, 45.0), (-9.0, 0.0, 45.0), (-100.0, 0.0, 57.0)] {
+        let frame = Frame::around([0.0, middle_mm, 0.0], [121, 240, 5], 0.5);
+        let body = anatomy::anatomy_from(frame, &[SILENT, PLAIN], |p| u8::from(p[1] > skin_mm));
         for (name, backend) in precisions() {
             let probe = scene::probe(ProbeShape::Linear(Linear { width_mm: 40.0 }), DEPTH_MM, LINES, SAMPLES);
             let mut settings = scene::settings(probe, scene::bare());
