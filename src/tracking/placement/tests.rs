@@ -73,25 +73,25 @@ fn contact_mm(pose: &Matrix4<f64>) -> ([f64; 2], f64) {
     (ends, 90.0 - origin.x.hypot(origin.y))
 }
 
-/// A convex array on a round body touches with its middle alone; it is pressed in until both ends do.
+/// A convex array on a round body touches with its middle alone; it is pressed in until both ends are within reach.
 #[test]
-fn the_array_is_pressed_in_until_its_ends_touch() {
+fn the_array_is_pressed_in_until_its_ends_are_in_reach() {
     let volume = cylinder(Vector3::new(0.0, -40.0, 5.0), |_| false, BOX);
     let meaning = Meaning {
         is_body: &|label| label != 0,
         is_bone_or_gas: &|label| label == 3,
     };
-    for may_press in [false, true] {
+    for (may_press, reach_mm) in [(false, 8.0), (true, 8.0), (true, 0.0), (true, 0.2)] {
         let options = PlacementOptions {
             plane: Some(ScanPlane::Transverse),
             may_press,
             shape: SMALL,
-            reach_mm: 8.0,
+            reach_mm,
             ..PlacementOptions::default()
         };
         let place = place(&volume, &[2], &meaning, &options).unwrap();
         let (ends_mm, pressed_mm) = contact_mm(&place.probe_to_world);
-        if may_press {
+        if may_press && reach_mm > 1.0 {
             assert!(ends_mm.iter().all(|end| *end < 9.0), "{ends_mm:?}");
             assert!((3.0..9.0).contains(&pressed_mm), "{pressed_mm}");
         } else {
@@ -101,30 +101,30 @@ fn the_array_is_pressed_in_until_its_ends_touch() {
     }
 }
 
-/// Between ribs that leave less of a gap than the directions that are tried lie apart, the probe slides and rocks to
-/// where the target shows.
+/// Between ribs that leave less of a gap than the directions that are tried lie apart, the probe slides to where the
+/// target shows.
 #[test]
-fn the_probe_slides_and_rocks_into_a_gap_between_ribs() {
+fn the_probe_slides_into_a_gap_between_ribs() {
     let ball = Vector3::new(0.0, -10.0, 0.0);
     let volume = |gap_deg: f64| {
         cylinder(
             ball,
             move |p| {
                 let angle_deg = p.x.atan2(-p.y).to_degrees();
-                (76.0..82.0).contains(&p.x.hypot(p.y)) && (angle_deg - gap_deg).abs() > 9.0
+                (76.0..82.0).contains(&p.x.hypot(p.y)) && (angle_deg - gap_deg).abs() > 4.0
             },
             BOX,
         )
     };
-    for gap_deg in [0.0, 4.5, 16.0, -27.0] {
+    for gap_deg in [5.0, 15.5, -25.0] {
         let place = placed(&volume(gap_deg), ScanPlane::Sagittal).unwrap();
         let origin = column(&place.probe_to_world, 3);
         let at_deg = origin.x.atan2(-origin.y).to_degrees();
         assert!(
-            (at_deg - gap_deg).abs() < 9.0,
+            (at_deg - gap_deg).abs() < 4.5,
             "at {at_deg} degrees, the gap at {gap_deg}"
         );
-        assert!(place.visible > 0.97, "{gap_deg}: {place:?}");
+        assert!(place.visible > 0.9, "{gap_deg}: {place:?}");
     }
 }
 
