@@ -97,6 +97,10 @@ pub struct SceneFile {
     /// Ranges that parameters of frames are drawn from: each frame is then a scene of its own, with a seed of its own.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub randomise: Option<Randomise>,
+    /// Whether a mesh of which the file says nothing will deform the tissue, as in a scenario: a probe that is placed
+    /// is then not pressed in.
+    #[serde(skip)]
+    pub gets_mesh: bool,
     /// Source text, for errors that point into it.
     #[serde(skip)]
     pub(super) source: Option<Arc<Source>>,

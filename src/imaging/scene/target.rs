@@ -196,7 +196,7 @@ impl SceneFile {
             shape: probe.shape,
             depth_mm: probe.depth_mm,
             reach_mm: framing.effects.contact.as_ref().map_or(0.0, |contact| contact.reach_mm),
-            may_press: framing.effects.contact.is_some() && !self.moves_tissue(),
+            may_press: framing.effects.contact.is_some() && !self.moves_tissue() && !self.gets_mesh,
         };
         let name = body.name_with_value(label);
         let meaning = Meaning {

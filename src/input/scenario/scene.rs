@@ -130,6 +130,7 @@ impl ScenarioFile {
                 ..PoseTable::default()
             });
         }
+        file.gets_mesh = true;
         Ok((file, folder, is_inline))
     }
 
