@@ -163,6 +163,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         "a field of view beyond the volume is black or invented, by the slice",
     ),
     (
+        "imaging/scene/target.rs",
+        &["contact"],
+        "places a probe as far from the skin as contact reaches",
+    ),
+    (
         "imaging/scene/doubts.rs",
         &["shadow", "slice"],
         "frames deeper than sound carries, and bone that smooth boundaries lose, are doubted",

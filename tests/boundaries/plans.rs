@@ -350,7 +350,7 @@ pub(super) fn scenes() -> Vec<Scene> {
             "haze",
             box_of(lossy()),
             |s| s.effects.haze = Some(Default::default()),
-            &["haze_means", "haze"],
+            &["haze_reflectors", "haze_means", "haze"],
         ),
         scene(
             "receiver",

@@ -213,7 +213,7 @@ fn an_open_depth_holds_the_target_and_a_stated_one_is_told_to_cut_it_off() {
     };
     let over = |probe: &str| -> Scene {
         let text = format!(
-            "version = 2\n{probe}\n[volume]\nfile = '{}'\n[pose]\ntarget = \"aorta\"\nplane = \"transverse\"\n",
+            "version = 2\n{probe}\n[volume]\nfile = '{}'\n[pose]\ntarget = \"liver\"\nplane = \"transverse\"\n",
             path.display()
         );
         let mut file = parse(&text).expect("a file");
@@ -223,12 +223,12 @@ fn an_open_depth_holds_the_target_and_a_stated_one_is_told_to_cut_it_off() {
     };
     let open = over("");
     let told = |scene: &Scene, words: &str| scene.notes.iter().any(|note| note.contains(words));
-    assert!(told(&open, "so that it holds aorta"), "{:?}", open.notes);
+    assert!(told(&open, "so that it holds liver"), "{:?}", open.notes);
     assert!(open.settings.probe.depth_mm > 150.0 && open.settings.probe.depth_mm <= 240.0);
     let stated = over("probe = { depth_mm = 150 }");
     assert_eq!(stated.settings.probe.depth_mm, 150.0);
     assert!(
-        told(&stated, "aorta is cut off by the lower edge"),
+        told(&stated, "liver is cut off by the lower edge"),
         "{:?}",
         stated.notes
     );

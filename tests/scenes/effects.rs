@@ -213,14 +213,18 @@ fn processing_that_does_nothing_is_told() {
         only.notes
     );
     let phased = "[probe]\nkind = \"phased\"\n";
-    for (more, told) in [
-        (format!("{phased}[effects]\ncompound = true"), true),
-        ("effects = { compound = true, speckle = false }".to_owned(), true),
-        (format!("{phased}scanner = \"clinical\""), true),
-        ("effects.speckle = false".to_owned(), false),
-        (String::new(), false),
+    for (first, more, told) in [
+        ("version = 2", format!("{phased}[effects]\ncompound = true"), true),
+        ("version = 2\nscanner = \"clinical\"", phased.to_owned(), true),
+        (
+            "version = 2",
+            "effects = { compound = true, speckle = false }".to_owned(),
+            true,
+        ),
+        ("version = 2", "effects.speckle = false".to_owned(), false),
+        ("version = 2", String::new(), false),
     ] {
-        let scene = scene("version = 2", &more);
+        let scene = scene(first, &more);
         let warned = scene
             .warnings
             .iter()
