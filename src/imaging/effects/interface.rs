@@ -57,7 +57,7 @@ parameters! {
         /// Exponent of the cosine of the angle of incidence.
         directivity: f64 = 4.0, in 0..=64;
         /// Diffuse fraction of the power of the echo: 0 is smooth; 0.25 has a standard deviation of 3.7 dB along the
-        /// surface, 1 of 5.6.
+        /// surface, 1 of 5.2.
         roughness: f64 = 0.5, in 0..=1;
     }
 }
