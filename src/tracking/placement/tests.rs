@@ -101,30 +101,54 @@ fn the_array_is_pressed_in_until_its_ends_are_in_reach() {
     }
 }
 
-/// Between ribs that leave less of a gap than the directions that are tried lie apart, the probe slides to where the
-/// target shows.
+/// Off a gap between ribs, the probe slides, rocks and tilts to where more of the target shows.
 #[test]
-fn the_probe_slides_into_a_gap_between_ribs() {
+fn the_probe_moves_to_a_gap_between_ribs() {
     let ball = Vector3::new(0.0, -10.0, 0.0);
-    let volume = |gap_deg: f64| {
-        cylinder(
-            ball,
-            move |p| {
-                let angle_deg = p.x.atan2(-p.y).to_degrees();
-                (76.0..82.0).contains(&p.x.hypot(p.y)) && (angle_deg - gap_deg).abs() > 4.0
-            },
-            BOX,
-        )
+    let angle_deg = |p: &Vector3<f64>| p.x.atan2(-p.y).to_degrees();
+    let volume = cylinder(
+        ball,
+        move |p| (76.0..82.0).contains(&p.x.hypot(p.y)) && (angle_deg(p).abs() > 15.0 || p.z.abs() > 20.0),
+        BOX,
+    );
+    let meaning = Meaning {
+        is_body: &|label| label != 0,
+        is_bone_or_gas: &|label| label == 3,
     };
-    for gap_deg in [5.0, 15.5, -25.0] {
-        let place = placed(&volume(gap_deg), ScanPlane::Sagittal).unwrap();
-        let origin = column(&place.probe_to_world, 3);
-        let at_deg = origin.x.atan2(-origin.y).to_degrees();
-        assert!(
-            (at_deg - gap_deg).abs() < 4.5,
-            "at {at_deg} degrees, the gap at {gap_deg}"
+    for plane in [ScanPlane::Transverse, ScanPlane::Sagittal] {
+        let options = PlacementOptions {
+            may_press: false,
+            shape: SMALL,
+            ..PlacementOptions::default()
+        };
+        let probe = Probe {
+            lines: RAYS as u32,
+            ..Probe::new(SMALL, options.depth_mm).unwrap()
+        };
+        let search = Search {
+            volume: &volume,
+            in_target: std::array::from_fn(|label| label == 2),
+            meaning: &meaning,
+            options: &options,
+            fan: BeamGrid::new(&probe).unwrap(),
+        };
+        let aside = 13f64.to_radians();
+        let start = search.candidate(&Position {
+            aim: ball.into(),
+            outward: Vector3::new(aside.sin(), -aside.cos(), 0.12).normalize(),
+            lean_deg: [0.0; 2],
+            plane,
+        });
+        let start = start.expect("a position");
+        let moved = search.moved(start.clone());
+        let [before, after] =
+            [&start, &moved].map(|candidate| angle_deg(&column(&candidate.placement.probe_to_world, 3)).abs());
+        println!(
+            "{plane:?}: from {before:.1} to {after:.1} degrees; {:.2} to {:.2}",
+            start.placement.visible, moved.placement.visible
         );
-        assert!(place.visible > 0.9, "{gap_deg}: {place:?}");
+        assert!(moved.placement.score > start.placement.score + 0.1, "{plane:?}");
+        assert!(after < 0.6 * before, "{plane:?}: from {before} to {after} degrees");
     }
 }
 
