@@ -67,7 +67,7 @@ pub struct PlacementOptions {
     pub depth_mm: f64,
     /// Widest gap between array and skin that counts as contact, mm.
     pub reach_mm: f64,
-    /// Whether the array may be pressed in.
+    /// Whether the array may be pressed in, and moved off bone and gas.
     pub may_press: bool,
 }
 
@@ -280,6 +280,10 @@ impl Search<'_> {
         let mut candidates: Vec<Candidate> = candidates.into_iter().flatten().collect();
         // The first of equal ones: the same at any number of threads.
         candidates.sort_by(|a, b| b.rank().partial_cmp(&a.rank()).unwrap_or(std::cmp::Ordering::Equal));
+        // Without pressing, the array stays where a direction led it: an insertion begins beside it.
+        if !self.options.may_press {
+            return candidates.into_iter().next();
+        }
         candidates.truncate(STARTS);
         let moved = parallel::map(&candidates[..], &|candidate| self.moved(candidate.clone()));
         let better = |best: Candidate, next: Candidate| if next.rank() > best.rank() { next } else { best };
@@ -336,7 +340,8 @@ impl Search<'_> {
             pressed_mm = wanted_mm.min(MAX_PRESS_MM).min(self.options.reach_mm).max(PRESS_MM);
             pose = self::pose(skin + axial * pressed_mm, &axes);
         }
-        let fan = self.look(&pose, pressed_mm);
+        let above_mm = if self.options.may_press { pressed_mm } else { 0.0 };
+        let fan = self.look(&pose, above_mm);
         if fan.seen <= 0.0 {
             return None;
         }
@@ -345,11 +350,16 @@ impl Search<'_> {
         let from_behind = axial.y.min(0.0).abs();
         let size = fan.seen.sqrt() / self.options.depth_mm;
         let depth = fan.depth_mm / self.options.depth_mm;
+        let dark = if self.options.may_press {
+            PER_DARK * fan.dark
+        } else {
+            PER_OUTSIDE * fan.outside + PER_BLOCKED * fan.blocked
+        };
         let score = fan.share + visible + PER_SIZE * size
             - PER_DEPTH * depth
             - PER_TILT * (1.0 - upright)
             - FROM_BEHIND * from_behind
-            - PER_DARK * fan.dark
+            - dark
             - GAP_PER_MM * fan.gap_mm;
         let side = match (axial.x, axial.y) {
             (x, y) if y.abs() >= x.abs() => {
@@ -468,7 +478,7 @@ impl Search<'_> {
     }
 
     /// Evaluates the fan of rays of a pose, and what lies above it where the array is pressed in.
-    fn look(&self, pose: &Matrix4<f64>, pressed_mm: f64) -> Fan {
+    fn look(&self, pose: &Matrix4<f64>, above_mm: f64) -> Fan {
         let mut fan = Fan::default();
         let mut all = 0.0;
         let middle = (RAYS - 1) as f64 / 2.0;
@@ -479,7 +489,7 @@ impl Search<'_> {
             let direction = pose.transform_vector(&Vector3::new(ray.direction[0], ray.direction[1], 0.0));
             let (mut blocked, mut reached, mut touched, mut beyond) = (false, None, false, false);
             // Tissue that gives way to the array lies before it all the same.
-            let mut depth = 0.5 * STEP_MM - pressed_mm;
+            let mut depth = 0.5 * STEP_MM - above_mm;
             while depth < 0.0 {
                 let label = self.volume.label_index_at(&(start + direction * depth));
                 blocked |= label.is_some_and(self.meaning.is_bone_or_gas);
@@ -492,6 +502,7 @@ impl Search<'_> {
                 let Some(label) = self.volume.label_index_at(&point) else {
                     beyond = beyond || (!touched && self.is_cut_beside(&point));
                     fan.dark += area;
+                    fan.outside += STEP_MM / (self.options.depth_mm * RAYS as f64);
                     depth += STEP_MM;
                     continue;
                 };
@@ -510,8 +521,10 @@ impl Search<'_> {
                         fan.seen += area;
                         reached.get_or_insert(depth);
                     }
+                } else if (self.meaning.is_bone_or_gas)(label) && !blocked {
+                    blocked = true;
+                    fan.blocked += (1.0 - depth / self.options.depth_mm) / RAYS as f64;
                 }
-                blocked |= (self.meaning.is_bone_or_gas)(label);
                 depth += STEP_MM;
             }
             fan.beyond += if beyond { 1.0 / RAYS as f64 } else { 0.0 };
@@ -557,6 +570,9 @@ const PER_TILT: f64 = 6.0;
 const FROM_BEHIND: f64 = 0.7;
 /// Weight of the share of the sector that shows nothing: outside the volume, behind bone or gas, in air.
 const PER_DARK: f64 = 2.0;
+/// Weights of the shares of the rays outside the volume, and behind bone or gas, where the array is not pressed in.
+const PER_OUTSIDE: f64 = 0.4;
+const PER_BLOCKED: f64 = 0.5;
 /// Score penalty per millimetre of air between array and skin: a convex array on flat skin has about 4 mm, and one with
 /// an end in the air twice that and more.
 const GAP_PER_MM: f64 = 0.06;
@@ -571,6 +587,9 @@ struct Fan {
     hidden: f64,
     /// Fraction of the sector that shows nothing.
     dark: f64,
+    /// Fractions of the rays outside the volume, and behind bone or gas.
+    outside: f64,
+    blocked: f64,
     /// Fraction of the rays that meet no skin before they are past a face that cuts the body.
     beyond: f64,
     /// Gap of air between array and skin, mm, averaged over the rays.

@@ -175,7 +175,8 @@ pub(crate) const EFFECT: Effect = Effect {
 pub struct Derived {
     /// Number of looks besides the middle one.
     pub steered: usize,
-    /// [`Steering::shifts`].
+    /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
+    /// samples.
     pub shifts: Vec<i32>,
 }
 

@@ -128,10 +128,7 @@ pub fn gaps(tables: &Tables, state: &FrameState, gaps: &mut Vec<f32>) {
             return 0.0;
         }
         let towards = if is_inside { -STEP_MM } else { STEP_MM };
-        let is_past = |s: f64| match is_inside {
-            true => is_body(s) != Some(true),
-            false => is_body(s) == Some(true),
-        };
+        let is_past = |s: f64| (is_body(s) == Some(true)) != is_inside;
         let steps = (reach / STEP_MM) as usize;
         let Some(first) = (1..=steps).find(|step| is_past(*step as f64 * towards)) else {
             return if is_inside { 0.0 } else { f64::NAN };

@@ -113,7 +113,8 @@ pub struct Derived {
     units_per_sample: f64,
     /// Per label index: phase increment of a sample, from 0 on, in these units.
     phases: Vec<u32>,
-    /// [`Steering::shifts`]; empty without looks to either side.
+    /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
+    /// samples; empty without looks to either side.
     shifts: Vec<i32>,
 }
 

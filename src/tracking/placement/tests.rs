@@ -117,7 +117,6 @@ fn the_probe_moves_to_a_gap_between_ribs() {
     };
     for plane in [ScanPlane::Transverse, ScanPlane::Sagittal] {
         let options = PlacementOptions {
-            may_press: false,
             shape: SMALL,
             ..PlacementOptions::default()
         };

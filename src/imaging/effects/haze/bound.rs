@@ -45,9 +45,12 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
         *off += (mean - twin).abs();
     }
     // Reflectors are differences of powers of 2, whose errors grow with the exponent, as they fall with it.
-    let rounding = |reflector: &f64| match *reflector > 0.0 {
-        true => 40.0 * ULP + (2.0 * DIVIDE + 4.0 * ULP) * reflector,
-        false => 0.0,
+    let rounding = |reflector: &f64| {
+        if *reflector > 0.0 {
+            40.0 * ULP + (2.0 * DIVIDE + 4.0 * ULP) * reflector
+        } else {
+            0.0
+        }
     };
     let roundings: Vec<f64> = reflectors.iter().map(rounding).collect();
     let [with, without] = [&roundings[..], &vec![0.0; lines * samples]].map(|reflectors| means_of(before, reflectors));

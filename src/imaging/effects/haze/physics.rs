@@ -170,7 +170,7 @@ fn what_occludes_fills_its_shadow() {
     for (name, backend) in precisions() {
         for (impedance_mrayl, share) in [(gas, 1.0), (bone, ((7.0f64 - 1.7) / (7.0 + 1.7)).powi(2))] {
             let tissues = [SILENT, PLAIN, fluid, occluding(impedance_mrayl)];
-            let anatomy = anatomy::anatomy_from(frame.clone(), &tissues, |p| match (p[0] > 0.0, p[1]) {
+            let anatomy = anatomy::anatomy_from(frame, &tissues, |p| match (p[0] > 0.0, p[1]) {
                 (_, y) if y < 20.0 => 1,
                 (true, y) if y < 23.0 => 3,
                 _ => 2,
