@@ -5,8 +5,8 @@
 //! target before bone or gas, how much of the target they see, how much of the sector shows nothing, how far away the
 //! target is and how perpendicular the probe is to the skin. From the best positions the probe is slid over the skin,
 //! rocked and tilted, as a hand does it, as long as the score rises. If it may be, the array is pressed in so far that
-//! its ends come within reach of the skin. A position from which an end lies off the skin, or past a face that cuts the body, is taken only where there
-//! is no other.
+//! its ends come within reach of the skin. A position from which an end lies off the skin, or past a face that cuts the
+//! body, is taken only where there is no other.
 
 mod lumen;
 

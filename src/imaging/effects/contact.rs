@@ -5,9 +5,8 @@
 //! are shifted to deeper tissue by the gap at the array and less below: `s -> s + gap (1 - s / fade)^2`, which
 //! preserves the order of tissue along the beam as long as the gap is less than half the fade. Where the array is
 //! pressed in, the gap is negative, and the skin gives way, unless a mesh deforms and does so itself, or the probe is
-//! one for lumens. Beyond the reach
-//! there is no contact: the scanline shows the void, or begins in the body. Gaps are those of the tissue at rest,
-//! smoothed over neighbouring scanlines because skin is smooth.
+//! one for lumens. Beyond the reach there is no contact: the scanline shows the void, or begins in the body. Gaps are
+//! those of the tissue at rest, smoothed over neighbouring scanlines because skin is smooth.
 //!
 //! ```toml
 //! effects.contact = {}
