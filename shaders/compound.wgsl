@@ -14,13 +14,14 @@ struct Params {
 
 @group(0) @binding(0) var<storage, read> params: Params;
 
-// rotate and rotate_specular
+// rotate, rotate_specular and rotate_surfaces
 @group(0) @binding(1) var<storage, read> scatter: array<vec2<f32>>;
 // Per look its gains, a row over the samples; then per look and fine scanline cosine and sine.
 @group(0) @binding(2) var<storage, read> phasors: array<f32>;
 @group(0) @binding(3) var<storage, read_write> looks: array<vec2<f32>>;
 @group(0) @binding(4) var<storage, read> specular: array<vec2<f32>>;
 @group(0) @binding(5) var<storage, read> axial_kernel: array<f32>;
+@group(0) @binding(6) var<storage, read> look_specular: array<vec2<f32>>;
 
 // shaded and unshaded
 @group(0) @binding(1) var<storage, read> envelopes: array<f32>;
@@ -53,16 +54,34 @@ fn rotate(@builtin(global_invocation_id) id: vec3<u32>) {
 
 @compute @workgroup_size(64)
 fn rotate_specular(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x < params.samples {
+        looks[id.y * params.samples + id.x] = rotated(id.y, id.x) + specular_of(id.y, id.x);
+    }
+}
+
+// Echo of surfaces and needles at a sample of a fine scanline.
+fn specular_of(row: u32, sample: u32) -> vec2<f32> {
+    let fine = row % fine_lines();
+    let line = fine / params.oversampling;
+    let part = f32(fine % params.oversampling) / f32(params.oversampling);
+    let a = specular[line * params.samples + sample];
+    let b = specular[min(line + 1u, params.lines - 1u) * params.samples + sample];
+    return axial_kernel[params.specular_at + sample] * (a + part * (b - a));
+}
+
+@compute @workgroup_size(64)
+fn rotate_surfaces(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
     let fine = id.y % fine_lines();
+    let look = id.y / fine_lines();
     let line = fine / params.oversampling;
     let part = f32(fine % params.oversampling) / f32(params.oversampling);
-    let a = specular[line * params.samples + id.x];
-    let b = specular[min(line + 1u, params.lines - 1u) * params.samples + id.x];
-    let factor = axial_kernel[params.specular_at + id.x];
-    looks[id.y * params.samples + id.x] = rotated(id.y, id.x) + factor * (a + part * (b - a));
+    let a = look_specular[(line * params.steered + look) * params.samples + id.x];
+    let b = look_specular[(min(line + 1u, params.lines - 1u) * params.steered + look) * params.samples + id.x];
+    let more = axial_kernel[params.specular_at + id.x] * (a + part * (b - a));
+    looks[id.y * params.samples + id.x] = rotated(id.y, id.x) + specular_of(id.y, id.x) + more;
 }
 
 // Whether the element of a look to a sample lies on the array.

@@ -16,7 +16,8 @@ struct Params {
     steady: f32,
     diffuse: f32,
     per_mm: f32,
-    unused: u32,
+    steered: u32,
+    elevation: vec4<f32>,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -28,8 +29,13 @@ struct Params {
 // main
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
 
-// before_speckle
+// before_speckle and of_looks
 @group(0) @binding(5) var<storage, read_write> specular: array<vec2<f32>>;
+
+// of_looks
+@group(0) @binding(6) var<storage, read> directions: array<vec2<f32>>;
+// Per scanline, look and sample: by how much its echo exceeds that of the middle look.
+@group(0) @binding(7) var<storage, read_write> look_specular: array<vec2<f32>>;
 
 const REACH = 3;
 const PER_SQUARE = 1.0 / f32(REACH * REACH);
@@ -115,15 +121,16 @@ fn gradient(near: u32, far: u32, position: vec3<f32>) -> vec3<f32> {
     return select(sum, -sum, place.mirrored) / stride;
 }
 
-// Cosine of the angle between the normal of a boundary and the beam.
-fn cosine(near: u32, far: u32, before: vec3<f32>, after: vec3<f32>) -> f32 {
+// Cosines of the angles of the normal of a boundary with the beam and with the direction across it.
+fn incidence_of(near: u32, far: u32, before: vec3<f32>, after: vec3<f32>) -> vec2<f32> {
     let slope = gradient(near, far, after);
     let m = params.world_to_index;
     let along = dot(slope, voxel_index(after) - voxel_index(before));
     let steep = m[0].xyz * slope.x + m[1].xyz * slope.y + m[2].xyz * slope.z;
     let step = after - before;
     let product = sqrt(dot(steep, steep) * dot(step, step));
-    return select(0.0, min(abs(along) / product, 1.0), product > 0.0);
+    let both = vec2<f32>(along, dot(steep, cross(step, params.elevation.xyz))) / product;
+    return select(vec2<f32>(0.0), both, product > 0.0);
 }
 
 fn coefficient(near: u32, far: u32) -> f32 {
@@ -139,48 +146,89 @@ fn is_step(line: u32, below: u32) -> bool {
     return below > 0u && below < params.samples && labels[index - 1u] != labels[index];
 }
 
-// Half the echo of the step of labels between a sample and the one above.
-fn echo(line: u32, below: u32) -> vec2<f32> {
+// The surface at a step of labels: half its echo at perpendicular incidence, its complex multiplier, and the cosines of its incidence.
+struct Surface {
+    size: f32,
+    rough: vec2<f32>,
+    incidence: vec2<f32>,
+}
+
+// The surface between a sample and the one above.
+fn surface(line: u32, below: u32) -> Surface {
+    let none = Surface(0.0, vec2<f32>(0.0), vec2<f32>(0.0));
     if !is_step(line, below) {
-        return vec2<f32>(0.0);
+        return none;
     }
     let index = line * params.samples + below;
     let near = labels[index - 1u];
     let far = labels[index];
     let reflected = coefficient(near, far);
     if reflected == 0.0 {
-        return vec2<f32>(0.0);
+        return none;
     }
     let at = positions[index].xyz;
-    let square = cosine(near, far, positions[index - 1u].xyz, at);
-    let size = 0.5 * params.mirror * reflected * power(square, params.directivity);
-    let rough = scatterer(at * params.per_mm, params.seed);
-    return size * (vec2<f32>(params.steady, 0.0) + params.diffuse * rough);
+    let rough = vec2<f32>(params.steady, 0.0) + params.diffuse * scatterer(at * params.per_mm, params.seed);
+    return Surface(0.5 * params.mirror * reflected, rough, incidence_of(near, far, positions[index - 1u].xyz, at));
 }
 
-// The halves of a sample, of the step above and the one below. Few have both; invocations with either run together.
-fn halves(line: u32, sample: u32) -> vec4<f32> {
-    let above = is_step(line, sample);
-    let first = echo(line, select(sample + 1u, sample, above));
-    var second = vec2<f32>(0.0);
-    if above {
-        second = echo(line, sample + 1u);
+// Half the echo of a surface met along a direction: cosine and sine of its angle with the scanline.
+fn echo(met: Surface, direction: vec2<f32>) -> vec2<f32> {
+    if met.size == 0.0 {
+        return vec2<f32>(0.0);
     }
-    return vec4<f32>(first, second);
+    let square = min(abs(met.incidence.x * direction.x + met.incidence.y * direction.y), 1.0);
+    return met.size * power(square, params.directivity) * met.rough;
+}
+
+const MIDDLE = vec2<f32>(1.0, 0.0);
+
+// The surfaces of a sample, at the step above and at the one below. Few have both; invocations with either run together.
+fn surfaces(line: u32, sample: u32) -> array<Surface, 2> {
+    let above = is_step(line, sample);
+    let first = surface(line, select(sample + 1u, sample, above));
+    var second = Surface(0.0, vec2<f32>(0.0), vec2<f32>(0.0));
+    if above {
+        second = surface(line, sample + 1u);
+    }
+    return array<Surface, 2>(first, second);
 }
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
-        let both = halves(id.y, id.x);
-        amplitudes[id.y * params.samples + id.x] += length(both.xy) + length(both.zw);
+        let both = surfaces(id.y, id.x);
+        amplitudes[id.y * params.samples + id.x] += length(echo(both[0], MIDDLE)) + length(echo(both[1], MIDDLE));
     }
 }
 
 @compute @workgroup_size(64)
 fn before_speckle(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x < params.samples {
-        let both = halves(id.y, id.x);
-        specular[id.y * params.samples + id.x] = both.xy + both.zw;
+        let both = surfaces(id.y, id.x);
+        specular[id.y * params.samples + id.x] = echo(both[0], MIDDLE) + echo(both[1], MIDDLE);
+    }
+}
+
+// Direction of a look at a sample.
+fn direction_of(look: u32, sample: u32) -> vec2<f32> {
+    let towards = directions[look / 2u * params.samples + min(sample, params.samples - 1u)];
+    return select(vec2<f32>(towards.x, -towards.y), towards, (look & 1u) == 1u);
+}
+
+@compute @workgroup_size(64)
+fn of_looks(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= params.samples {
+        return;
+    }
+    let both = surfaces(id.y, id.x);
+    let middle = array<vec2<f32>, 2>(echo(both[0], MIDDLE), echo(both[1], MIDDLE));
+    specular[id.y * params.samples + id.x] = middle[0] + middle[1];
+    // The first is the step above if there is one.
+    let above = is_step(id.y, id.x);
+    for (var look = 0u; look < params.steered; look++) {
+        let first = echo(both[0], direction_of(look, select(id.x + 1u, id.x, above)));
+        let second = echo(both[1], direction_of(look, id.x + 1u));
+        let more = (first - middle[0]) + (second - middle[1]);
+        look_specular[(id.y * params.steered + look) * params.samples + id.x] = more;
     }
 }

@@ -1,5 +1,6 @@
 //! Geometry and random numbers that several effects share; the shaders' share is in `shaders/common`.
 
+use crate::synth::FrameState;
 use crate::synth::tables::Tables;
 use insonify_base::random::{pcg_mix, pcg_step, seeded};
 use insonify_base::real::Real;
@@ -7,6 +8,11 @@ use insonify_base::real::Real;
 /// The first three rows of an affine matrix.
 pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {
     [0, 1, 2].map(|row| [0, 1, 2, 3].map(|column| T::of(matrix[(row, column)])))
+}
+
+/// Out-of-plane direction in the world.
+pub fn elevation<T: Real>(state: &FrameState) -> [T; 3] {
+    [0, 1, 2].map(|axis| T::of(state.probe_to_world[(axis, 2)]))
 }
 
 /// Distance between scanlines at the array and its growth per sample, in sample distances.

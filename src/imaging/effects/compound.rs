@@ -8,10 +8,11 @@
 //! Frequency Control 35 (1988) 34), and the mean over standard deviation of their average grows with it (G. E. Trahey
 //! et al., ibid. 33 (1986) 257). Losses are those of an aperture about the element from which the look comes: full
 //! shadows end as triangles, and beyond them the share of looks counts that pass. Where a look's element lies beyond
-//! the array, the others are averaged.
+//! the array, the others are averaged. Surfaces are met at the angle of the look: a plate tilted by the angle of a look
+//! is brightest there.
 //!
-//! This takes less than to render every look whole: places, tissues, surfaces and needles, the direction of speckle,
-//! mirror images and repeats are those of the middle look, and paths as long as its.
+//! This takes less than to render every look whole: places, tissues and needles, the direction of speckle, mirror
+//! images and repeats are those of the middle look, and paths as long as its.
 //!
 //! ```toml
 //! effects.compound = { looks = 5 }
@@ -66,6 +67,9 @@ impl Parameters for Compound {
     }
 }
 
+/// Largest number of looks besides the middle one.
+pub(crate) const MOST_STEERED: usize = 8;
+
 /// Directions of the looks of a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Steering {
@@ -116,6 +120,21 @@ impl Steering {
                 .map(move |sample| fan.shift(ray, grid.sample_depth_mm(sample), grid).min(widest).round() as i32)
         };
         (0..=self.on_side).flat_map(row).collect()
+    }
+
+    /// Per number of steps to the side, from 1 on: cosine and sine of the angle between a look and the scanline at the
+    /// sample, a row over the samples.
+    fn directions(&self, grid: &BeamGrid) -> Vec<f64> {
+        let fan = Fan::of(grid);
+        let row = |steps: usize| {
+            let fan = &fan;
+            let ray = steps as f64 * self.step;
+            (0..grid.samples()).flat_map(move |sample| {
+                let (sine, cosine) = fan.angle(ray, grid.sample_depth_mm(sample)).sin_cos();
+                [cosine, sine]
+            })
+        };
+        (1..=self.on_side).flat_map(row).collect()
     }
 
     /// Phase that the scatterers of a look gain from one scanline to the next, of `oversampling` to a scanline,
@@ -178,6 +197,9 @@ pub struct Derived {
     /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
     /// samples.
     pub shifts: Vec<i32>,
+    /// Per number of steps to the side, from 1 on: cosine and sine of the angle between a look and the scanline at the
+    /// sample, a row over the samples.
+    pub directions: Numbers,
 }
 
 /// Settings on which the looks depend.
@@ -196,7 +218,17 @@ pub(crate) fn derive(_: &Anatomy, (steering, grid): &Key) -> Result<Derived, Syn
     Ok(Derived {
         steered: steering.steered(),
         shifts: steering.shifts(grid),
+        directions: Numbers::new(steering.directions(grid)),
     })
+}
+
+/// Cosine and sine of the angle between a look and the scanline at a sample.
+#[inline(always)]
+pub(super) fn directions<T: Real>(tables: &Tables, look: usize, sample: usize) -> [T; 2] {
+    let row = look / 2 * tables.samples() + sample;
+    let directions = tables.effects.compound.directions.of::<T>();
+    let [cosine, sine] = [directions[2 * row], directions[2 * row + 1]];
+    [cosine, if steps(look) < 0 { -sine } else { sine }]
 }
 
 /// Whether the looks are shaded.
@@ -261,6 +293,16 @@ fn phasors(derived: &EffectTables) -> &[f32] {
 static LOOK_SHIFTS: Buffer = Buffer::new(264, "LookShifts", 4, |tables| tables.effects.compound.shifts.len())
     .derived(|_, derived| bytes_of(&derived.compound.shifts));
 
+/// Data of [`Derived::directions`] (`vec2<f32>`).
+pub(super) static LOOK_DIRECTIONS: Buffer = Buffer::new(152, "LookDirections", 8, |tables| {
+    tables.effects.compound.directions.of::<f32>().len() / 2
+})
+.derived(|_, derived| bytes_of(derived.compound.directions.of::<f32>()));
+
+/// Per scanline, look and sample: by how much the complex echo of surfaces exceeds that of the middle look
+/// (`vec2<f32>`).
+pub(super) static LOOK_SPECULAR: Buffer = Buffer::new(153, "LookSpecular", 8, beams);
+
 /// Per look, fine scanline and sample: complex echo (`vec2<f32>`).
 pub(super) static LOOKS: Buffer = Buffer::new(161, "Looks", 8, fine_samples);
 
@@ -280,6 +322,8 @@ columns! {
         looks: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS;
         /// Data of `LOOKS_AXIAL`, likewise.
         axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS_AXIAL;
+        /// Data of `LOOK_SPECULAR`.
+        specular: [[T; 2]; beams] = [T::zero(); 2], LOOK_SPECULAR;
         /// Data of `LOOK_ENVELOPES`.
         envelopes: [T; beams] = T::zero(), LOOK_ENVELOPES;
         /// Data of `LOOKS_THROUGH`.
@@ -295,7 +339,7 @@ pub(super) const ROTATE: Pass = rotation(
     const { &[(&SCATTER, Read), (&LOOK_PHASORS, Read), (&LOOKS, WriteOwn)] },
 );
 
-/// The same with the echoes of surfaces and needles.
+/// The same with the echoes of needles.
 pub(super) const ROTATE_SPECULAR: Pass = rotation(
     "rotate_specular",
     const {
@@ -305,6 +349,21 @@ pub(super) const ROTATE_SPECULAR: Pass = rotation(
             (&LOOKS, WriteOwn),
             (&SPECULAR, Read),
             (&AXIAL_KERNEL, Read),
+        ]
+    },
+);
+
+/// The same with the echoes of surfaces, which each look meets at an angle of its own, and of needles.
+pub(super) const ROTATE_SURFACES: Pass = rotation(
+    "rotate_surfaces",
+    const {
+        &[
+            (&SCATTER, Read),
+            (&LOOK_PHASORS, Read),
+            (&LOOKS, WriteOwn),
+            (&SPECULAR, Read),
+            (&AXIAL_KERNEL, Read),
+            (&LOOK_SPECULAR, Read),
         ]
     },
 );
@@ -419,31 +478,39 @@ fn rotate<T: Real>(view: &View, store: &mut Store<T>) {
     let factors = speckle.specular.of::<T>();
     let specular = super::speckle::has_specular(tables).then_some(&store.specular);
     let scatter = &store.effects.speckle.scatter;
-    for_each(
-        (0.., chunks_mut(&mut store.effects.compound.looks, 2 * samples)),
-        &|(row, echoes)| {
-            let (look, fine) = (row / fine_lines, row % fine_lines);
-            let [cosine, sine] = [phasors[2 * row], phasors[2 * row + 1]];
-            let (re, im) = scatter[2 * fine * samples..][..2 * samples].split_at(samples);
-            let (rotated_re, rotated_im) = echoes.split_at_mut(samples);
-            let gains = &gains[look * samples..][..samples];
-            let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(gains);
-            for (((rotated_re, rotated_im), gain), (re, im)) in out.zip(re.iter().zip(im)) {
-                *rotated_re = *gain * (cosine * *re - sine * *im);
-                *rotated_im = *gain * (sine * *re + cosine * *im);
-            }
-            let Some(specular) = specular else { return };
-            let line = fine / speckle.oversampling;
-            let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
-            let scanline = |line: usize| &specular[line * samples..][..samples];
-            let between = scanline(line).iter().zip(scanline((line + 1).min(lines - 1)));
+    let columns = &mut store.effects.compound;
+    // Empty without surfaces.
+    let of_looks = &columns.specular;
+    for_each((0.., chunks_mut(&mut columns.looks, 2 * samples)), &|(row, echoes)| {
+        let (look, fine) = (row / fine_lines, row % fine_lines);
+        let [cosine, sine] = [phasors[2 * row], phasors[2 * row + 1]];
+        let (re, im) = scatter[2 * fine * samples..][..2 * samples].split_at(samples);
+        let (rotated_re, rotated_im) = echoes.split_at_mut(samples);
+        let gains = &gains[look * samples..][..samples];
+        let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(gains);
+        for (((rotated_re, rotated_im), gain), (re, im)) in out.zip(re.iter().zip(im)) {
+            *rotated_re = *gain * (cosine * *re - sine * *im);
+            *rotated_im = *gain * (sine * *re + cosine * *im);
+        }
+        let line = fine / speckle.oversampling;
+        let next = (line + 1).min(lines - 1);
+        let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
+        let mut add = |a: &[[T; 2]], b: &[[T; 2]]| {
             let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(factors);
-            for (((re, im), factor), (a, b)) in out.zip(between) {
+            for (((re, im), factor), (a, b)) in out.zip(a.iter().zip(b)) {
                 *re += *factor * (a[0] + part * (b[0] - a[0]));
                 *im += *factor * (a[1] + part * (b[1] - a[1]));
             }
-        },
-    );
+        };
+        if let Some(specular) = specular {
+            let [a, b] = [line, next].map(|line| &specular[line * samples..][..samples]);
+            add(a, b);
+        }
+        if !of_looks.is_empty() {
+            let [a, b] = [line, next].map(|line| &of_looks[(line * looks + look) * samples..][..samples]);
+            add(a, b);
+        }
+    });
 }
 
 fn mean<T: Real>(view: &View, store: &mut Store<T>) {

@@ -11,7 +11,7 @@
 //!
 //! With speckle the echoes are added to those of the scatterers before the point spread is applied, and interfere with
 //! them; without, their moduli are added to the amplitude. Each of the two samples beside a step of labels has one half
-//! of its echo.
+//! of its echo. The steered looks of `compound` meet a surface at angles of their own.
 //!
 //! ```toml
 //! effects.interface = { mirror_db = 44.0 }
@@ -27,7 +27,8 @@ mod physics;
 use glam::Vec4;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
-use super::common::{rows, scatterers};
+use super::common::{elevation, rows, scatterers};
+use super::compound::{LOOK_DIRECTIONS, LOOK_SPECULAR, MOST_STEERED, directions, steered};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{
@@ -71,6 +72,7 @@ pub(crate) const EFFECT: Effect = Effect {
     example: "effects.interface = { mirror_db = 44.0 }",
     wanted,
     passes: |tables| match tables.effects.speckle {
+        Some(_) if steered(tables) > 0 => vec![&OF_LOOKS],
         Some(_) => vec![&BEFORE_SPECKLE],
         None => vec![&ALONE],
     },
@@ -100,6 +102,21 @@ const BEFORE_SPECKLE: Pass = interface_pass(
             (&LABEL_ROWS, Read),
             (&VOXELS, Read),
             (&SPECULAR, WriteOwn),
+        ]
+    },
+);
+
+const OF_LOOKS: Pass = interface_pass(
+    "of_looks",
+    const {
+        &[
+            (&POSITION, ReadLine),
+            (&LABEL, ReadLine),
+            (&LABEL_ROWS, Read),
+            (&VOXELS, Read),
+            (&SPECULAR, WriteOwn),
+            (&LOOK_DIRECTIONS, Read),
+            (&LOOK_SPECULAR, WriteOwn),
         ]
     },
 );
@@ -150,14 +167,17 @@ block! {
         diffuse: f32,
         /// Lattice points of the roughness per mm.
         per_mm: f32,
-        /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        /// Looks besides the middle one.
+        steered: u32,
+        /// Out-of-plane direction in the world; the fourth component is unused.
+        elevation: Vec4,
     }
 }
 
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let interface = tables.settings.effects.interface.clone().unwrap_or_default();
+    let [x, y, z] = elevation::<f32>(view.state);
     ParamBlock::of(&InterfaceParams {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         size: tables.volume.size().map(|n| n as u32),
@@ -170,7 +190,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
         steady: (1.0 - interface.roughness).sqrt() as f32,
         diffuse: interface.roughness.sqrt() as f32,
         per_mm: (1.0 / ROUGHNESS_MM) as f32,
-        unused: 0,
+        steered: steered(tables) as u32,
+        elevation: Vec4::new(x, y, z, 0.0),
     })
 }
 
@@ -190,9 +211,9 @@ fn roughness_seed(tables: &Tables) -> [u32; 2] {
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
-    let surfaces = Surfaces::<T>::new(tables);
+    let surfaces = Surfaces::<T>::new(tables, elevation(view.state));
     let (labels, positions) = (&store.label[..lines * samples], &store.position[..lines * samples]);
-    let echoes = |line: usize, add: &mut dyn FnMut(usize, [T; 2])| {
+    let echoes = |line: usize, add: &mut dyn FnMut(usize, &Echoes<T>)| {
         let labels = &labels[line * samples..][..samples];
         let positions = &positions[line * samples..][..samples];
         for start in (1..samples).step_by(BLOCK) {
@@ -207,28 +228,48 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
                 if labels[below - 1] == labels[below] {
                     continue;
                 }
-                let echo = T::vectorised(Step {
+                let echoes = T::vectorised(Step {
                     surfaces: &surfaces,
+                    tables,
                     labels: between.map(|index| labels[index]),
                     positions: between.map(|index| positions[index]),
+                    below,
                 });
-                if let Some(echo) = echo {
-                    between.into_iter().for_each(|index| add(index, echo));
+                if let Some(echoes) = echoes {
+                    between.into_iter().for_each(|index| add(index, &echoes));
                 }
             }
         }
     };
     // Echoes interfere with speckle, so that both parts are kept for it; without speckle only their size
     // counts.
-    if tables.effects.speckle.is_some() {
+    let sum = |sum: &mut [T; 2], echo: [T; 2]| *sum = [sum[0] + echo[0], sum[1] + echo[1]];
+    let steered = steered(tables);
+    if tables.effects.speckle.is_some() && steered > 0 {
+        let of_looks = chunks_mut(&mut store.effects.compound.specular, steered * samples);
+        for_each((0.., chunks_mut(&mut store.specular, samples), of_looks), &|(
+            line,
+            out,
+            of_looks,
+        )| {
+            out.fill([T::zero(); 2]);
+            of_looks.fill([T::zero(); 2]);
+            echoes(line, &mut |i, (middle, more)| {
+                sum(&mut out[i], *middle);
+                for (look, more) in more[..steered].iter().enumerate() {
+                    sum(&mut of_looks[look * samples + i], *more);
+                }
+            });
+        });
+    } else if tables.effects.speckle.is_some() {
         for_each((0.., chunks_mut(&mut store.specular, samples)), &|(line, out)| {
             out.fill([T::zero(); 2]);
-            echoes(line, &mut |i, [re, im]| out[i] = [out[i][0] + re, out[i][1] + im]);
+            echoes(line, &mut |i, (middle, _)| sum(&mut out[i], *middle));
         });
     } else {
         let amplitude = &mut store.amplitude[..lines * samples];
         for_each((0.., chunks_mut(amplitude, samples)), &|(line, out)| {
-            echoes(line, &mut |i, [re, im]| out[i] += (re * re + im * im).sqrt());
+            echoes(line, &mut |i, ([re, im], _)| out[i] += (*re * *re + *im * *im).sqrt());
         });
     }
 }
@@ -236,19 +277,32 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 /// Number of samples tested together for a boundary between them.
 const BLOCK: usize = 32;
 
-/// Half the echo between two samples.
+/// Half the echo between two samples, and by how much that of each steered look exceeds it.
+type Echoes<T> = ([T; 2], [[T; 2]; MOST_STEERED]);
+
+/// Half the echoes between two samples.
 struct Step<'a, T> {
     surfaces: &'a Surfaces<'a, T>,
+    tables: &'a Tables,
     labels: [u8; 2],
     positions: [[T; 4]; 2],
+    /// The second of the samples.
+    below: usize,
 }
 
 impl<T: Real> Kernel for Step<'_, T> {
-    type Output = Option<[T; 2]>;
+    type Output = Option<Echoes<T>>;
 
     #[inline(always)]
-    fn run(self) -> Option<[T; 2]> {
-        self.surfaces.echo(self.labels, self.positions)
+    fn run(self) -> Option<Echoes<T>> {
+        let surface = self.surfaces.surface(self.labels, self.positions)?;
+        let middle = self.surfaces.echo(&surface, [T::one(), T::zero()]);
+        let mut more = [[T::zero(); 2]; MOST_STEERED];
+        for (look, more) in more.iter_mut().enumerate().take(steered(self.tables)) {
+            let echo = self.surfaces.echo(&surface, directions(self.tables, look, self.below));
+            *more = [echo[0] - middle[0], echo[1] - middle[1]];
+        }
+        Some((middle, more))
     }
 }
 
@@ -265,6 +319,15 @@ impl Kernel for Uniform<'_> {
     }
 }
 
+#[inline(always)]
+fn cross<T: Real>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
 /// Half the number of voxels along each axis used for a normal: the weights `(1 - (x / 3)^2)^2` vanish there. On random
 /// planes they give the normal to 3 degrees, compared with 12 for a cubic B-spline.
 pub const REACH: i32 = 3;
@@ -272,8 +335,19 @@ pub const REACH: i32 = 3;
 /// Number of taps of a normal along an axis, padded to vector registers.
 const LANES: usize = 8;
 
+/// A surface between two samples of a scanline.
+pub(crate) struct Surface<T> {
+    /// Half the echo at perpendicular incidence.
+    size: T,
+    /// Complex multiplier of the echo.
+    roughness: [T; 2],
+    /// Cosines of the angles of its normal with the scanline, and with the direction across it in the scan plane.
+    incidence: [T; 2],
+}
+
 /// Surfaces of a volume.
 pub(crate) struct Surfaces<'a, T> {
+    elevation: [T; 3],
     reader: LabelReader<'a, T>,
     impedance: [T; 256],
     capsule: [T; 256],
@@ -286,11 +360,12 @@ pub(crate) struct Surfaces<'a, T> {
 }
 
 impl<'a, T: Real> Surfaces<'a, T> {
-    /// Creates the surfaces of a scene.
-    pub(crate) fn new(tables: &'a Tables) -> Self {
+    /// Creates the surfaces of a scene, given the out-of-plane direction.
+    pub(crate) fn new(tables: &'a Tables, elevation: [T; 3]) -> Self {
         let interface = tables.settings.effects.interface.clone().unwrap_or_default();
         let row = |label: usize| tables.label_rows.get(label);
         Self {
+            elevation,
             reader: LabelReader::new(tables),
             impedance: std::array::from_fn(|label| T::of(row(label).map_or(0.0, |row| f64::from(row.impedance)))),
             capsule: std::array::from_fn(|label| T::of(row(label).map_or(0.0, |row| f64::from(row.capsule)))),
@@ -322,10 +397,10 @@ impl<'a, T: Real> Surfaces<'a, T> {
         step.max((c - d).abs())
     }
 
-    /// Half the echo of the surface between two samples of a scanline, from their labels and reference positions (mm);
-    /// `None` if the labels are the same or reflect nothing. Each of the two samples has one half.
+    /// The surface between two samples of a scanline, from their labels and reference positions (mm); `None` if the
+    /// labels are the same or reflect nothing. Each of the two samples has one half of its echo.
     #[inline(always)]
-    pub(crate) fn echo(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<[T; 2]> {
+    pub(crate) fn surface(&self, labels: [u8; 2], positions: [[T; 4]; 2]) -> Option<Surface<T>> {
         if labels[0] == labels[1] {
             return None;
         }
@@ -334,10 +409,20 @@ impl<'a, T: Real> Surfaces<'a, T> {
             return None;
         }
         let [above, below] = map(positions, |[x, y, z, _]| [x, y, z]);
-        let size = T::of(0.5) * self.mirror * reflected;
-        let size = size * self.cosine(labels, [above, below]).powf(self.directivity);
-        let [re, im] = self.roughness(below);
-        Some([size * re, size * im])
+        Some(Surface {
+            size: T::of(0.5) * self.mirror * reflected,
+            roughness: self.roughness(below),
+            incidence: self.incidence(labels, [above, below]),
+        })
+    }
+
+    /// Half the echo of a surface met by waves along a direction: cosine and sine of its angle with the scanline.
+    #[inline(always)]
+    pub(crate) fn echo(&self, surface: &Surface<T>, [cosine, sine]: [T; 2]) -> [T; 2] {
+        let [along, across] = surface.incidence;
+        let square = (along * cosine + across * sine).abs().min(T::one());
+        let size = surface.size * square.powf(self.directivity);
+        map(surface.roughness, |part| size * part)
     }
 
     /// Complex multiplier of the echo of a surface at a reference position, mm.
@@ -347,29 +432,32 @@ impl<'a, T: Real> Surfaces<'a, T> {
         [self.steady + self.diffuse * re, self.diffuse * im]
     }
 
-    /// Cosine of the angle between the normal of the boundary of two labels, at the second of two reference positions
-    /// (mm), and the line between them; 0 if there is no normal.
+    /// Cosines of the angles of the normal of the boundary of two labels, at the second of two reference positions (mm),
+    /// with the line between them and with the direction across it in the scan plane; 0 if there is no normal.
     #[inline(always)]
-    pub(crate) fn cosine(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> T {
+    pub(crate) fn incidence(&self, labels: [u8; 2], [before, after]: [[T; 3]; 2]) -> [T; 2] {
         let Some(gradient) = self.gradient(labels, after) else {
-            return T::zero();
+            return [T::zero(); 2];
         };
         let [from, to] = map([before, after], |position| self.reader.index(position));
         let rows = self.reader.rows();
         let mut along = T::zero();
         let (mut steep, mut long) = (T::zero(), T::zero());
+        let (mut normal, mut step) = ([T::zero(); 3], [T::zero(); 3]);
         for axis in 0..3 {
             along += gradient[axis] * (to[axis] - from[axis]);
-            let slope = rows[0][axis] * gradient[0] + rows[1][axis] * gradient[1] + rows[2][axis] * gradient[2];
-            steep += slope * slope;
-            let step = after[axis] - before[axis];
-            long += step * step;
+            normal[axis] = rows[0][axis] * gradient[0] + rows[1][axis] * gradient[1] + rows[2][axis] * gradient[2];
+            steep += normal[axis] * normal[axis];
+            step[axis] = after[axis] - before[axis];
+            long += step[axis] * step[axis];
         }
+        let across = cross(step, self.elevation);
+        let across = normal[0] * across[0] + normal[1] * across[1] + normal[2] * across[2];
         let product = (steep * long).sqrt();
         if product > T::zero() {
-            (along.abs() / product).min(T::one())
+            [along / product, across / product]
         } else {
-            T::zero()
+            [T::zero(); 2]
         }
     }
 

@@ -34,6 +34,7 @@ use spread::{axial, axial_of_looks, lateral, lateral_of_looks};
 pub use tables::SpeckleTables;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, POSITION, SPECULAR, bytes_of, columns};
+use super::common::elevation;
 use super::compound::{self, LOOK_ENVELOPES, LOOK_PHASORS, LOOKS, LOOKS_AXIAL, Steering};
 use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
@@ -81,11 +82,13 @@ pub(crate) const EFFECT: Effect = Effect {
     wanted,
     passes: |tables| {
         let (is_specular, looks) = (has_specular(tables), compound::steered(tables) > 0);
+        let has_surfaces = tables.settings.effects.interface.is_some();
         let passes = [
             (tables.anatomy.mesh.is_none(), &GATHER),
             (tables.anatomy.mesh.is_some(), &GATHER_WARPED),
             (looks && !is_specular, &compound::ROTATE),
-            (looks && is_specular, &compound::ROTATE_SPECULAR),
+            (looks && is_specular && !has_surfaces, &compound::ROTATE_SPECULAR),
+            (looks && has_surfaces, &compound::ROTATE_SURFACES),
             (looks, &AXIAL_OF_LOOKS),
             (looks, &LATERAL_OF_LOOKS),
             (is_specular, &ADD_SPECULAR),
@@ -378,10 +381,10 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let Some(speckle) = &tables.effects.speckle else {
         return ParamBlock::of::<SpeckleParams>(&bytemuck::Zeroable::zeroed());
     };
-    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
+    let [x, y, z] = elevation::<f32>(view.state);
     let plane = |i: usize| speckle.planes.get(i).map_or(0.0, |&weight| weight as f32);
     ParamBlock::of(&SpeckleParams {
-        elevation: Vec4::new(elevation[0] as f32, elevation[1] as f32, elevation[2] as f32, 0.0),
+        elevation: Vec4::new(x, y, z, 0.0),
         planes: [0, 4].map(|first| Vec4::new(plane(first), plane(first + 1), plane(first + 2), plane(first + 3))),
         seed: seed_words(tables.settings.seed),
         lines: tables.lines() as u32,

@@ -22,7 +22,7 @@ use std::f64::consts::SQRT_2;
 use glam::Vec4;
 
 use super::buffers::{AMPLITUDE, Buffer, ELEMENT, ELEMENT_MAPS, LABEL, POSITION, VOXELS, bytes_of};
-use super::common::rows;
+use super::common::{elevation, rows};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread, Profile};
 use super::slice::{BLOCK, Beyond, LabelReader};
@@ -262,7 +262,7 @@ block! {
 fn params(view: &View, _: Band) -> ParamBlock {
     let tables = view.tables;
     let slice = &tables.settings.effects.slice;
-    let [x, y, z] = elevation::<f32>(view);
+    let [x, y, z] = elevation::<f32>(view.state);
     ParamBlock::of(&ThicknessParams {
         world_to_index: rows::<f32>(tables.volume.world_to_index()).map(Vec4::from),
         elevation: Vec4::new(x, y, z, 0.0),
@@ -275,10 +275,6 @@ fn params(view: &View, _: Band) -> ParamBlock {
     })
 }
 
-fn elevation<T: Real>(view: &View) -> [T; 3] {
-    [0, 1, 2].map(|axis| T::of(view.state.probe_to_world[(axis, 2)]))
-}
-
 fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
@@ -288,7 +284,7 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
         .zip(planes.echoes.of::<T>())
         .for_each(|(echo, of_label)| *echo = *of_label);
     let reader = LabelReader::<T>::new(tables);
-    let elevation = elevation(view);
+    let elevation = elevation(view.state);
     let deformed = store
         .slab
         .as_ref()

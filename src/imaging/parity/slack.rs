@@ -15,6 +15,8 @@ pub(crate) struct Slack {
     pub amplitude: Vec<f64>,
     /// Bound and size of the complex echo of surfaces and needles.
     pub specular: Vec<[f64; 2]>,
+    /// Bound and size of what the complex echo of surfaces in a steered look has more, over the looks.
+    pub look_specular: Vec<[f64; 2]>,
     /// Bound and size of the envelopes of the steered looks.
     pub looks: Vec<[f64; 2]>,
     /// Bound of the share of the plane filled by the needle.

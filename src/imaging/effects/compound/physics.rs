@@ -3,6 +3,7 @@
 use std::f64::consts::{FRAC_PI_4, PI};
 
 use insonify_imaging::effects::compound::Compound;
+use insonify_imaging::effects::interface::Interface;
 use insonify_imaging::effects::shadow::Shadow;
 use insonify_imaging::effects::slice::Boundary;
 use insonify_imaging::effects::speckle::Speckle;
@@ -313,6 +314,88 @@ fn straight_shadows_are_as_sharp_as_without_looks() {
         kernel.expect("a penumbra").reach
     });
     assert_eq!(kernels[0], kernels[1]);
+}
+
+/// Exponent of the cosine of the incidence on the plate.
+const DIRECTIVITY: f64 = 12.0;
+
+/// A plate tilted in the scan plane is brightest in the look that meets it square; in the others as the power of the
+/// cosine of the angle between them says.
+#[test]
+fn a_tilted_plate_is_brightest_in_the_look_that_meets_it_square() {
+    let steel = Acoustics {
+        impedance_mrayl: 3.0,
+        ..SILENT
+    };
+    let water = Acoustics {
+        impedance_mrayl: 1.5,
+        ..SILENT
+    };
+    for shape in [LINEAR, CURVED] {
+        for tilt_deg in [-12.0f64, 0.0, 12.0] {
+            let normal = tilt_deg.to_radians();
+            let frame = Frame::around([0.0, 20.0, 0.0], [400, 300, 3], 0.125);
+            let plate = anatomy::anatomy_from(frame, &[SILENT, water, steel], |p| {
+                1 + u8::from(p[0] * normal.sin() + (p[1] - 20.0) * normal.cos() > 0.0)
+            });
+            let mut settings = settings(shape, 3, 12.0);
+            settings.effects.interface = Some(Interface {
+                directivity: DIRECTIVITY,
+                roughness: 0.0,
+                ..Interface::default()
+            });
+            let synthesizer = synthesizer(&plate, &settings, Backend::CpuF64);
+            let (plan, tables) = (synthesizer.plan(), synthesizer.tables());
+            let last = plan.passes.iter().position(|planned| planned.pass.name == "interface");
+            let mut executor = CpuExecutor::<f64>::new(plan, tables).expect("memory");
+            let passes = &plan.passes[..=last.expect("echoes")];
+            executor.run(passes, tables, &scene::straight()).expect("a frame");
+            let store = &executor.store;
+            // Echo of each look on the scanlines beside the middle one, where the plate lies some 20 mm deep.
+            let lines = LINES / 2 - 20..LINES / 2 + 21;
+            let echo = |look: usize, line: usize, sample: usize| {
+                let middle = store.specular[line * SAMPLES + sample][0];
+                let more = &store.effects.compound.specular;
+                middle
+                    + look
+                        .checked_sub(1)
+                        .map_or(0.0, |look| more[(2 * line + look) * SAMPLES + sample][0])
+            };
+            let sum = |look: usize| -> f64 {
+                let of_line = |line| (0..SAMPLES).map(move |sample| (line, sample));
+                lines
+                    .clone()
+                    .flat_map(of_line)
+                    .map(|(line, sample)| echo(look, line, sample))
+                    .sum()
+            };
+            let sums = [0, 1, 2].map(sum);
+            let angle = match shape {
+                ProbeShape::Curvilinear(curved) => {
+                    (curved.radius_mm * 12f64.to_radians().sin() / (curved.radius_mm + 20.0)).asin()
+                }
+                _ => 12f64.to_radians(),
+            };
+            let expected = [0.0, -angle, angle].map(|look| (look - normal).cos().powf(DIRECTIVITY));
+            let square = if tilt_deg == 0.0 {
+                0
+            } else {
+                1 + usize::from(tilt_deg > 0.0)
+            };
+            println!("{shape:?}, {tilt_deg} degrees: {sums:.3?}, {expected:.3?}");
+            for look in 0..3 {
+                let (measured, expected) = (sums[look] / sums[square], expected[look] / expected[square]);
+                assert!(
+                    measured <= 1.0,
+                    "look {look} of a plate at {tilt_deg} degrees: {measured}"
+                );
+                assert!(
+                    (measured - expected).abs() < 0.1,
+                    "look {look}: {measured}, not {expected}"
+                );
+            }
+        }
+    }
 }
 
 #[test]

@@ -1,5 +1,7 @@
 //! Error bounds of interfaces: normals from labels around positions known to within rounding, and the roughness there.
 
+use crate::effects::common::elevation;
+use crate::effects::compound::{directions, steered};
 use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
 use crate::effects::slice::WITHIN;
 
@@ -19,11 +21,13 @@ const TERM: f64 = 4.5;
 
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
-    let surfaces = Surfaces::<f64>::new(tables);
+    let surfaces = Surfaces::<f64>::new(tables, elevation(step.state));
     let interface = tables.settings.effects.interface.clone().unwrap_or_default();
     let mirror = 10f64.powf(interface.mirror_db / 20.0);
     let (lines, samples) = (step.lines(), step.samples());
     slack.specular = vec![[0.0; 2]; lines * samples];
+    let steered = steered(tables);
+    slack.look_specular = vec![[0.0; 2]; if steered > 0 { lines * samples } else { 0 }];
     let loudest = 1.0 + LOUDEST;
     for line in 0..lines {
         let mut sums = vec![[0.0; 2]; samples];
@@ -32,26 +36,43 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             let labels =
                 [&step.after.label, &step.twin.label].map(|labels| pair.map(|sample_index| labels[sample_index]));
             let places = pair.map(|sample_index| step.after.position[sample_index]);
-            let [exact, twin] = labels.map(|labels| surfaces.echo(labels, places).unwrap_or([0.0; 2]));
-            let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
             let torn = pair
                 .iter()
                 .any(|sample_index| slack.torn.get(*sample_index).copied().unwrap_or(false));
-            let stepped = labels[1][0] != labels[1][1];
-            let rounding = match (stepped, torn) {
-                (false, _) => 0.0,
-                // Torn positions leave the normal open: the two may be any echoes of this size, even of
-                // opposite sign.
-                (true, true) => 2.0 * size * loudest,
-                (true, false) => {
-                    let offs = pair.map(|sample_index| slack.position[sample_index]);
-                    rounding(step, &surfaces, interface.directivity, labels[1], places, offs) * size
-                }
+            let offs = pair.map(|sample_index| slack.position[sample_index]);
+            let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
+            // Bound and size of the echo in a direction.
+            let echo = |direction: [f64; 2]| {
+                let [exact, twin] = labels.map(|labels| {
+                    let surface = surfaces.surface(labels, places);
+                    surface.map_or([0.0; 2], |surface| surfaces.echo(&surface, direction))
+                });
+                let rounding = match (labels[1][0] != labels[1][1], torn) {
+                    (false, _) => 0.0,
+                    // Torn positions leave the normal open: the two may be any echoes of this size, even of
+                    // opposite sign.
+                    (true, true) => 2.0 * size * loudest,
+                    (true, false) => {
+                        let power = interface.directivity;
+                        rounding(step, &surfaces, power, labels[1], places, offs, direction) * size
+                    }
+                };
+                let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
+                [off, exact[0].hypot(exact[1])]
             };
-            let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
-            let size = exact[0].hypot(exact[1]);
+            let [off, size] = echo([1.0, 0.0]);
             for sample_index in [below - 1, below] {
                 sums[sample_index] = [sums[sample_index][0] + off, sums[sample_index][1] + size];
+            }
+            if labels.iter().all(|[a, b]| a == b) {
+                continue;
+            }
+            // Of all looks, as a difference from the middle one.
+            let most = (0..steered).map(|look| echo(directions(tables, look, below)));
+            let most = most.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
+            for index in pair.into_iter().filter(|_| steered > 0) {
+                slack.look_specular[index][0] += most[0] + off + 6.0 * ULP * (most[1] + size);
+                slack.look_specular[index][1] += most[1] + size;
             }
         }
         for (sample, [off, size]) in sums.into_iter().enumerate() {
@@ -65,7 +86,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     }
 }
 
-/// Returns the rounding error of the echo of a surface of size 1.
+/// Returns the rounding error of the echo of a surface of size 1, met along a direction.
 fn rounding(
     step: &Step,
     surfaces: &Surfaces<f64>,
@@ -73,13 +94,21 @@ fn rounding(
     labels: [u8; 2],
     places: [[f64; 4]; 2],
     offs: [[f64; 3]; 2],
+    [cosine, sine]: [f64; 2],
 ) -> f64 {
     let loudest = 1.0 + LOUDEST;
     let [before, after] = places.map(|position| [position[0], position[1], position[2]]);
-    let cosine = surfaces.cosine(labels, [before, after]);
-    let cosine_off = cosine_off(step, surfaces, labels, [before, after], offs, cosine);
-    let [low, high] = [(cosine - cosine_off).max(0.0), (cosine + cosine_off).min(1.0)];
-    let raised = cosine.powf(power);
+    let [along, across] = surfaces.incidence(labels, [before, after]);
+    let [along_off, across_off] = incidence_off(step, surfaces, labels, [before, after], offs, [along, across]);
+    let square = (along * cosine + across * sine).abs().min(1.0);
+    // Of a direction across the beam, two stored numbers, two products and a sum.
+    let square_off = if sine == 0.0 {
+        along_off
+    } else {
+        along_off * cosine + (across_off + 4.0 * ULP) * sine.abs() + 4.0 * ULP * along.abs()
+    };
+    let [low, high] = [(square - square_off).max(0.0), (square + square_off).min(1.0)];
+    let raised = square.powf(power);
     let raised_off = (high.powf(power) - raised).max(raised - low.powf(power)) + high.powf(power) * pow(high, power);
     let steps: f64 = (0..3)
         .map(|axis| (offs[1][axis] + 3.0 * ULP * after[axis].abs()) / ROUGHNESS_MM)
@@ -89,15 +118,15 @@ fn rounding(
     raised_off * loudest + (raised + raised_off) * (rough_off + (DIVIDE + 10.0 * ULP) * loudest)
 }
 
-/// Bounds the error of a cosine.
-fn cosine_off(
+/// Bounds the errors of the cosines of an incidence.
+fn incidence_off(
     step: &Step,
     surfaces: &Surfaces<f64>,
     labels: [u8; 2],
     [before, after]: [[f64; 3]; 2],
     offs: [[f64; 3]; 2],
-    cosine: f64,
-) -> f64 {
+    [cosine, across]: [f64; 2],
+) -> [f64; 2] {
     let matrix = step.tables.volume.world_to_index();
     let size = step.tables.volume.size();
     // Error bounds of the indices of the two positions.
@@ -120,7 +149,7 @@ fn cosine_off(
     });
     let gradient = surfaces.gradient(labels, after);
     let (Some(gradient), false) = (gradient, near_face) else {
-        return if near_face { 1.0 } else { 0.0 };
+        return if near_face { [1.0; 2] } else { [0.0; 2] };
     };
     let stride = surfaces.stride();
     // Division by the stride: errors of the position, with its rounding, and of the result.
@@ -148,8 +177,17 @@ fn cosine_off(
     // The cosine is a quotient: where its divisor errs by more than a quarter, the expansion below does not hold.
     let relative = steep_off / steep + long_off / long;
     if relative.is_nan() || relative > 0.25 {
-        return 1.0;
+        return [1.0; 2];
     }
     let along_off = (along_off + 6.0 * ULP * along_size) / (steep * long);
-    ((along_off + cosine * relative) / (1.0 - 1.3 * relative) + cosine * (ROOT + DIVIDE + 12.0 * ULP)).min(1.0)
+    let rounded = ROOT + DIVIDE + 12.0 * ULP;
+    let quotient = |off: f64, value: f64| {
+        let value = value.abs();
+        ((off + value * relative) / (1.0 - 1.3 * relative) + value * rounded).min(1.0)
+    };
+    // Across, the numerator is a product of normal and step, each off by its share, the terms of which may cancel.
+    [
+        quotient(along_off, cosine),
+        quotient(1.3 * relative + 16.0 * ULP, across),
+    ]
 }

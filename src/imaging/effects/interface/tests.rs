@@ -14,7 +14,7 @@ fn tables(roughness: f64) -> Tables {
 fn roughness_has_unit_power_and_the_spread_that_it_states() {
     for (roughness, stated_db) in [(0.25, 3.7), (1.0, 5.2)] {
         let tables = tables(roughness);
-        let surfaces = Surfaces::<f64>::new(&tables);
+        let surfaces = Surfaces::<f64>::new(&tables, [0.0, 0.0, 1.0]);
         let found: Vec<f64> = (0..40_000)
             .map(|at| {
                 let [i, j, k] = [at % 40, at / 40 % 40, at / 1600].map(|n| f64::from(n) * 11.3);
@@ -34,7 +34,7 @@ fn roughness_has_unit_power_and_the_spread_that_it_states() {
 #[test]
 fn without_roughness_the_multiplier_is_one() {
     let tables = tables(0.0);
-    let surfaces = Surfaces::<f64>::new(&tables);
+    let surfaces = Surfaces::<f64>::new(&tables, [0.0, 0.0, 1.0]);
     assert_eq!(surfaces.roughness([3.2, -8.1, 40.0]), [1.0, 0.0]);
 }
 
@@ -47,7 +47,7 @@ fn capsules_count_where_impedances_agree() {
         ..tables.label_rows[0]
     };
     tables.label_rows = vec![row(1.5, 0.0), row(1.5, 0.03), row(1.5, 0.06), row(1.7, 0.03)];
-    let surfaces = Surfaces::<f64>::new(&tables);
+    let surfaces = Surfaces::<f64>::new(&tables, [0.0, 0.0, 1.0]);
     for (labels, expected) in [
         ([0, 1], 0.03),
         ([1, 1], 0.0),

@@ -95,7 +95,15 @@ impl Fan {
         match self.radius_mm {
             None => ray * depth_mm,
             Some(0.0) => ray,
-            Some(radius_mm) => radius_mm * (ray - (radius_mm * ray.sin() / (radius_mm + depth_mm)).asin()),
+            Some(radius_mm) => radius_mm * (ray - self.angle(ray, depth_mm)),
+        }
+    }
+
+    /// Angle between a ray of a flat or curved array and the scanline at a depth, radians.
+    pub(crate) fn angle(&self, ray: f64, depth_mm: f64) -> f64 {
+        match self.radius_mm {
+            None => ray.atan(),
+            Some(radius_mm) => (radius_mm * ray.sin() / (radius_mm + depth_mm)).asin(),
         }
     }
 

@@ -29,7 +29,7 @@ const POSITION: f64 = 8.5;
 const MIX: f64 = DIVIDE + 3.0 * ULP;
 
 /// Error bound and size of the echo at each fine scanline and sample.
-fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> {
+fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables, specular: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     let (fine_lines, over) = (speckle.fine_lines(lines), speckle.oversampling);
     let planes: f64 = speckle.planes.iter().map(|weight| weight.abs()).sum();
@@ -70,7 +70,7 @@ fn echoes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> 
             // Negative where a strong texture is dark.
             let (amplitude, off) = (step.before.amplitude[index].abs(), slack.amplitude[index]);
             // Echoes of surfaces and needles, interpolated between two scanlines, times a stored factor, added.
-            let specular = [a, b].map(|index| slack.specular.get(index).copied().unwrap_or([0.0; 2]));
+            let specular = [a, b].map(|index| specular.get(index).copied().unwrap_or([0.0; 2]));
             let factor = speckle.specular.of::<f64>()[sample];
             let [off_specular, size] = [0, 1].map(|part| factor * specular[0][part].max(specular[1][part]));
             let size = size + off_specular;
@@ -92,7 +92,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let Some(speckle) = &step.tables.effects.speckle else {
         return slack.fault("speckle without tables");
     };
-    let envelopes = envelopes(step, slack, speckle);
+    let envelopes = envelopes(step, slack, speckle, &slack.specular);
     slack.amplitude = envelopes.into_iter().map(|[off, _]| off).collect();
     if step.to_nearest {
         check_typical(step, slack);
@@ -107,19 +107,24 @@ pub(crate) fn carry_looks(step: &Step, slack: &mut Slack) {
     let steered = crate::effects::compound::steered(step.tables);
     let gains = &speckle.phasors.of::<f64>()[..steered * step.samples()];
     let gain = gains.iter().copied().fold(1.0, f64::max);
+    // Echoes of the middle look, and what this one has more.
+    let mut specular = slack.specular.clone();
+    for (of_all, more) in specular.iter_mut().zip(&slack.look_specular) {
+        *of_all = [of_all[0] + more[0] + 2.0 * ULP * more[1], of_all[1] + more[1]];
+    }
     // Gain, cosine and sine stored (1/2 each), three products, a sum.
-    let looks = envelopes(step, slack, speckle).into_iter();
+    let looks = envelopes(step, slack, speckle, &specular).into_iter();
     slack.looks = looks
         .map(|[off, size]| [gain * (off + 5.0 * ULP * size), gain * size])
         .collect();
 }
 
 /// Bound and size of the envelope of each sample.
-fn envelopes(step: &Step, slack: &Slack, speckle: &SpeckleTables) -> Vec<[f64; 2]> {
+fn envelopes(step: &Step, slack: &Slack, speckle: &SpeckleTables, specular: &[[f64; 2]]) -> Vec<[f64; 2]> {
     let (lines, samples) = (step.lines(), step.samples());
     let fine_lines = speckle.fine_lines(lines);
     let over = speckle.oversampling;
-    let echoes = echoes(step, slack, speckle);
+    let echoes = echoes(step, slack, speckle, specular);
     let reach = speckle.axial_reach();
     let mut spread = vec![[0.0f64; 2]; fine_lines * samples];
     for fine in 0..fine_lines {

@@ -2,7 +2,7 @@
 
 use super::BLOCK;
 use super::tables::MAX_PLANES;
-use crate::effects::common::scatterers;
+use crate::effects::common::{elevation, scatterers};
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use insonify_base::parallel::{chunks_mut, for_each};
@@ -16,8 +16,7 @@ pub(super) fn scatter<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let Some(speckle) = &tables.effects.speckle else { return };
     let (lines, samples) = (tables.lines(), tables.samples());
-    let elevation = view.state.probe_to_world.fixed_view::<3, 1>(0, 2);
-    let step = [0, 1, 2].map(|axis| T::of(elevation[axis]) * T::of(speckle.plane_mm));
+    let step = elevation(view.state).map(|x: T| x * T::of(speckle.plane_mm));
     let lattice = Lattice {
         seed: seed_words(tables.settings.seed),
         per_mm: T::of(1.0 / speckle.lattice_mm),

@@ -1,8 +1,7 @@
 //! Error bounds of slice thickness: a power average over sub-planes, on which every label possible within rounding
 //! counts.
 
-use super::elevation;
-use crate::effects::pass::View;
+use crate::effects::common::elevation;
 use crate::effects::slice::Boundary;
 use crate::effects::slice::bound::labels_by;
 use crate::effects::warp::bound as warp;
@@ -22,12 +21,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let tables = step.tables;
     let (planes, samples) = (&tables.effects.thickness, step.samples());
     let (rows, echoes) = (planes.rows.of::<f64>(), planes.echoes.of::<f64>());
-    let view = View {
-        tables,
-        state: step.state,
-        slab: None,
-    };
-    let elevation = Vector3::from(elevation::<f64>(&view));
+    let elevation = Vector3::from(elevation::<f64>(step.state));
     let loudest = echoes.iter().fold(0.0f64, |loudest, echo| loudest.max(*echo));
     for index in 0..step.after.label.len() {
         let sample = index % samples;
