@@ -67,6 +67,9 @@ impl Parameters for Compound {
     }
 }
 
+/// Number of samples of a block of [`Columns::specular`].
+pub(super) const SPECULAR_BLOCK: usize = 16;
+
 /// Largest number of looks besides the middle one.
 pub(crate) const MOST_STEERED: usize = 8;
 
@@ -322,8 +325,10 @@ columns! {
         looks: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS;
         /// Data of `LOOKS_AXIAL`, likewise.
         axial: [T; |tables| 2 * fine_samples(tables)] = T::zero(), LOOKS_AXIAL;
-        /// Data of `LOOK_SPECULAR`.
+        /// Data of `LOOK_SPECULAR` in the blocks of samples that have some.
         specular: [[T; 2]; beams] = [T::zero(); 2], LOOK_SPECULAR;
+        /// Per scanline and block: whether `specular` holds data.
+        has_specular: [bool; |tables| tables.lines() * tables.samples().div_ceil(SPECULAR_BLOCK)] = false, LOOK_SPECULAR;
         /// Data of `LOOK_ENVELOPES`.
         envelopes: [T; beams] = T::zero(), LOOK_ENVELOPES;
         /// Data of `LOOKS_THROUGH`.
@@ -478,10 +483,15 @@ fn rotate<T: Real>(view: &View, store: &mut Store<T>) {
     let factors = speckle.specular.of::<T>();
     let specular = super::speckle::has_specular(tables).then_some(&store.specular);
     let scatter = &store.effects.speckle.scatter;
-    let columns = &mut store.effects.compound;
-    // Empty without surfaces.
-    let of_looks = &columns.specular;
-    for_each((0.., chunks_mut(&mut columns.looks, 2 * samples)), &|(row, echoes)| {
+    let Columns {
+        looks: rotated,
+        specular: of_looks,
+        has_specular,
+        ..
+    } = &mut store.effects.compound;
+    let blocks = samples.div_ceil(SPECULAR_BLOCK);
+    let nothing = [[T::zero(); 2]; SPECULAR_BLOCK];
+    for_each((0.., chunks_mut(rotated, 2 * samples)), &|(row, echoes)| {
         let (look, fine) = (row / fine_lines, row % fine_lines);
         let [cosine, sine] = [phasors[2 * row], phasors[2 * row + 1]];
         let (re, im) = scatter[2 * fine * samples..][..2 * samples].split_at(samples);
@@ -495,20 +505,31 @@ fn rotate<T: Real>(view: &View, store: &mut Store<T>) {
         let line = fine / speckle.oversampling;
         let next = (line + 1).min(lines - 1);
         let part = T::of((fine % speckle.oversampling) as f64 / speckle.oversampling as f64);
-        let mut add = |a: &[[T; 2]], b: &[[T; 2]]| {
-            let out = rotated_re.iter_mut().zip(rotated_im.iter_mut()).zip(factors);
-            for (((re, im), factor), (a, b)) in out.zip(a.iter().zip(b)) {
+        let mut add = |start: usize, a: &[[T; 2]], b: &[[T; 2]]| {
+            let out = rotated_re[start..].iter_mut().zip(&mut rotated_im[start..]);
+            for (((re, im), factor), (a, b)) in out.zip(&factors[start..]).zip(a.iter().zip(b)) {
                 *re += *factor * (a[0] + part * (b[0] - a[0]));
                 *im += *factor * (a[1] + part * (b[1] - a[1]));
             }
         };
         if let Some(specular) = specular {
             let [a, b] = [line, next].map(|line| &specular[line * samples..][..samples]);
-            add(a, b);
+            add(0, a, b);
         }
-        if !of_looks.is_empty() {
-            let [a, b] = [line, next].map(|line| &of_looks[(line * looks + look) * samples..][..samples]);
-            add(a, b);
+        // Empty without surfaces.
+        if of_looks.is_empty() {
+            return;
+        }
+        for block in 0..blocks {
+            let start = block * SPECULAR_BLOCK;
+            let on_line = |line: usize| {
+                let row = &of_looks[(line * looks + look) * samples..][..samples];
+                has_specular[line * blocks + block].then(|| &row[start..samples.min(start + SPECULAR_BLOCK)])
+            };
+            match [line, next].map(on_line) {
+                [None, None] => {}
+                [a, b] => add(start, a.unwrap_or(&nothing), b.unwrap_or(&nothing)),
+            }
         }
     });
 }

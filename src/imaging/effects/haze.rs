@@ -29,8 +29,9 @@ mod parity;
 #[cfg(test)]
 mod physics;
 
+use std::ops::Range;
+
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, beam, bytes_of, columns};
-use super::lateral::BLOCK;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
 use super::receiver::clutter;
@@ -179,8 +180,12 @@ columns! {
     pub struct Columns<T> {
         /// Data of `MEANS`.
         means: [T; means_of_beam] = T::zero(), MEANS;
-        /// Data of `REFLECTORS`.
+        /// Data of `REFLECTORS`, where it is not 0.
         reflectors: [T; beam] = T::zero(), REFLECTORS;
+        /// Per scanline: samples of which `reflectors` holds data.
+        reflecting: [Range<usize>; Tables::lines] = 0..0, REFLECTORS;
+        /// Per column and sample: share of the power of the beam that occluding tissue throws back there.
+        reflected: [T; means_of_beam] = T::zero(), REFLECTORS;
     }
 }
 
@@ -314,12 +319,28 @@ fn params(view: &View, _: Band) -> ParamBlock {
 fn reflectors<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let samples = tables.samples();
+    let rows = tables.label_rows.iter().enumerate();
+    let mut occludes = [false; 256];
+    rows.for_each(|(label, row)| occludes[label] = row.loss > row.attenuation);
+    let columns = &mut store.effects.haze;
     for_each(
         (
-            chunks_mut(&mut store.effects.haze.reflectors, samples),
+            chunks_mut(&mut columns.reflectors, samples),
+            chunks_mut(&mut columns.reflecting, 1),
             chunks(&store.label, samples),
         ),
-        &|(reflectors, labels)| reflectors_of(tables, labels, reflectors),
+        &|(reflectors, reflecting, labels)| {
+            let is_occluding = |label: &u8| occludes[usize::from(*label)];
+            let first = labels.iter().position(is_occluding);
+            reflecting[0] = first.map_or(0..0, |first| {
+                first..1 + labels.iter().rposition(is_occluding).expect("at least the first")
+            });
+            reflectors_of(
+                tables,
+                &labels[reflecting[0].clone()],
+                &mut reflectors[reflecting[0].clone()],
+            );
+        },
     );
 }
 
@@ -361,16 +382,27 @@ fn means<T: Real>(view: &View, store: &mut Store<T>) {
     let tables = view.tables;
     let (lines, samples) = (tables.lines(), tables.samples());
     let amplitudes = &store.amplitude[..lines * samples];
-    let Columns { means, reflectors } = &mut store.effects.haze;
+    let Columns {
+        means,
+        reflectors,
+        reflecting,
+        reflected,
+    } = &mut store.effects.haze;
     for_each(
-        (chunks_mut(means, samples), chunks(&tables.effects.haze.weights, lines)),
-        &|(means, weights)| {
+        (
+            chunks_mut(means, samples),
+            chunks_mut(reflected, samples),
+            chunks(&tables.effects.haze.weights, lines),
+        ),
+        &|(means, reflected, weights)| {
             T::vectorised(Column {
                 numbers: Numbers::of(tables),
                 weights,
                 gains: &tables.effects.haze.gains,
                 amplitudes,
                 reflectors,
+                reflecting,
+                reflected,
                 means,
             });
         },
@@ -384,6 +416,8 @@ struct Column<'a, T> {
     gains: &'a [f32],
     amplitudes: &'a [T],
     reflectors: &'a [T],
+    reflecting: &'a [Range<usize>],
+    reflected: &'a mut [T],
     means: &'a mut [T],
 }
 
@@ -402,23 +436,21 @@ impl<T: Real> Kernel for Column<'_, T> {
         let numbers = &self.numbers;
         let (left, share) = (T::of(numbers.fading.exp2()), T::of(numbers.share()));
         let (behind, behind_left) = (T::of(numbers.behind), T::of(numbers.behind_fading.exp2()));
-        let samples = self.gains.len();
+        self.reflected.fill(T::zero());
+        let reflectors = self.reflectors.chunks(self.gains.len()).zip(self.reflecting);
+        for ((reflectors, reflecting), weight) in reflectors.zip(self.weights) {
+            let weight = T::of(f64::from(*weight));
+            let reflectors = &reflectors[reflecting.clone()];
+            for (reflected, reflector) in self.reflected[reflecting.clone()].iter_mut().zip(reflectors) {
+                *reflected += weight * *reflector;
+            }
+        }
         let (mut above, mut reverberant) = (T::zero(), T::zero());
-        for (block, means) in self.means.chunks_mut(BLOCK).enumerate() {
-            let start = block * BLOCK;
-            let mut reflected = [T::zero(); BLOCK];
-            for (reflectors, weight) in self.reflectors.chunks(samples).zip(self.weights) {
-                let weight = T::of(f64::from(*weight));
-                for (reflected, reflector) in reflected.iter_mut().zip(&reflectors[start..]) {
-                    *reflected += weight * *reflector;
-                }
-            }
-            for ((mean, reflected), gain) in means.iter_mut().zip(&reflected).zip(&self.gains[start..]) {
-                let gain = T::of(f64::from(*gain));
-                above = above * left + *mean * share * gain;
-                reverberant = reverberant * behind_left + *reflected * above;
-                *mean = (above + behind * reverberant) / gain;
-            }
+        for ((mean, reflected), gain) in self.means.iter_mut().zip(&*self.reflected).zip(self.gains) {
+            let gain = T::of(f64::from(*gain));
+            above = above * left + *mean * share * gain;
+            reverberant = reverberant * behind_left + *reflected * above;
+            *mean = (above + behind * reverberant) / gain;
         }
     }
 }

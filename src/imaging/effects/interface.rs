@@ -28,7 +28,7 @@ use glam::Vec4;
 
 use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
 use super::common::{elevation, rows, scatterers};
-use super::compound::{LOOK_DIRECTIONS, LOOK_SPECULAR, MOST_STEERED, directions, steered};
+use super::compound::{LOOK_DIRECTIONS, LOOK_SPECULAR, MOST_STEERED, SPECULAR_BLOCK, directions, steered};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{
@@ -246,18 +246,25 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
     let sum = |sum: &mut [T; 2], echo: [T; 2]| *sum = [sum[0] + echo[0], sum[1] + echo[1]];
     let steered = steered(tables);
     if tables.effects.speckle.is_some() && steered > 0 {
-        let of_looks = chunks_mut(&mut store.effects.compound.specular, steered * samples);
-        for_each((0.., chunks_mut(&mut store.specular, samples), of_looks), &|(
-            line,
-            out,
-            of_looks,
-        )| {
+        let compound = &mut store.effects.compound;
+        let rows = (
+            (0.., chunks_mut(&mut store.specular, samples)),
+            chunks_mut(&mut compound.specular, steered * samples),
+            chunks_mut(&mut compound.has_specular, samples.div_ceil(SPECULAR_BLOCK)),
+        );
+        for_each(rows, &|((line, out), of_looks, has_specular)| {
             out.fill([T::zero(); 2]);
-            of_looks.fill([T::zero(); 2]);
+            has_specular.fill(false);
             echoes(line, &mut |i, (middle, more)| {
                 sum(&mut out[i], *middle);
-                for (look, more) in more[..steered].iter().enumerate() {
-                    sum(&mut of_looks[look * samples + i], *more);
+                let block = i / SPECULAR_BLOCK;
+                let is_first = !std::mem::replace(&mut has_specular[block], true);
+                for (row, more) in of_looks.chunks_mut(samples).zip(more) {
+                    if is_first {
+                        let end = samples.min((block + 1) * SPECULAR_BLOCK);
+                        row[block * SPECULAR_BLOCK..end].fill([T::zero(); 2]);
+                    }
+                    sum(&mut row[i], *more);
                 }
             });
         });

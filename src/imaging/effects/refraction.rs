@@ -436,16 +436,37 @@ impl<T: Real> Kernel for Scanline<'_, T> {
     #[inline(always)]
     fn run(self) {
         for (block, amplitudes) in self.amplitudes.chunks_mut(BLOCK).enumerate() {
-            let start = block * BLOCK;
+            let (start, end) = (block * BLOCK, block * BLOCK + amplitudes.len());
             let (mut sum, mut count) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
             for look in 0..=steered(self.tables) {
                 let (side, shifts) = shifts(self.tables, look);
-                for i in 0..amplitudes.len() {
-                    let element = self.line as i32 - side * shifts.map_or(0, |shifts| shifts[start + i]);
+                let (mut curvatures, mut present) = ([T::zero(); BLOCK], [T::zero(); BLOCK]);
+                // Shifts change seldom down a scanline: the samples of one element are next to each other in memory.
+                let mut from = start;
+                while from < end {
+                    let shift = shifts.map_or(0, |shifts| shifts[from]);
+                    let alike = shifts.map_or(end - from, |shifts| {
+                        shifts[from..end].iter().take_while(|other| **other == shift).count()
+                    });
+                    let element = self.line as i32 - side * shift;
                     if (0..self.tables.lines() as i32).contains(&element) {
-                        sum[i] += self.spread.factor(look, element, start + i, self.curvatures);
-                        count[i] += T::one();
+                        let (first, after) = self.spread.place(element);
+                        let row = |first: usize| {
+                            let at = (look * self.spread.halves + first) * self.spread.samples;
+                            &self.curvatures[at + from..][..alike]
+                        };
+                        let rows = row(first).iter().zip(row(first + 1));
+                        let run = from - start..from - start + alike;
+                        for (curvature, (near, far)) in curvatures[run.clone()].iter_mut().zip(rows) {
+                            *curvature = *near + after * (*far - *near);
+                        }
+                        present[run].fill(T::one());
                     }
+                    from += alike;
+                }
+                for i in 0..BLOCK {
+                    sum[i] += present[i] * factor(curvatures[i]);
+                    count[i] += present[i];
                 }
             }
             for (amplitude, (sum, count)) in amplitudes.iter_mut().zip(sum.iter().zip(&count)) {
@@ -565,7 +586,7 @@ impl<T: Real> Spread<T> {
     }
 
     /// Factor of a look at a sample, from the element that its ray leaves.
-    #[inline(always)]
+    #[cfg(any(test, feature = "analysis"))]
     fn factor(&self, look: usize, element: i32, sample: usize, curvatures: &[T]) -> T {
         let (first, after) = self.place(element);
         let at = (look * self.halves + first) * self.samples + sample;

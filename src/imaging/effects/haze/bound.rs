@@ -27,6 +27,8 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 gains: &tables.effects.haze.gains,
                 amplitudes,
                 reflectors,
+                reflecting: &vec![0..samples; lines],
+                reflected: &mut vec![0.0; samples],
                 means,
             }
             .run();
