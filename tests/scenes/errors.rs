@@ -58,6 +58,16 @@ fn unknown_keys_get_a_suggestion() {
         &["young_kpa"],
     );
     check(&small("[colour]"), "colour", &["belongs in [[tissue]]"]);
+    check(
+        &small("[image]\nscanner = \"raw\""),
+        "scanner",
+        &["belongs before all tables"],
+    );
+    check(
+        &small("[scanner]\nkind = \"raw\""),
+        "",
+        &["found a table", "\"raw\" or \"clinical\""],
+    );
     check(&small("[zzz]"), "zzz", &["known here", "effects"]);
 }
 

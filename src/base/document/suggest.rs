@@ -57,12 +57,26 @@ pub(super) fn for_key(key: &str, known: &[String], home: impl FnOnce() -> Option
     similar.or_else(home).or_else(all)
 }
 
-/// Lists the tables of a file of type `T` that have a key of that name.
+/// Where in a file of type `T` a key of that name belongs: in which tables, or before them.
 pub(super) fn home_of<T: JsonSchema + 'static>(key: &str) -> Option<String> {
     let schema = schema_of::<T>();
     let mut tables = Vec::new();
     collect(&schema, &schema, [""; 2], key, 0, &mut tables);
-    (!tables.is_empty()).then(|| format!("`{key}` belongs in {}", tables.join(" or ")))
+    let in_tables = (!tables.is_empty()).then(|| format!("in {}", tables.join(" or ")));
+    let is_table = |option: &Value| {
+        let reference = option.get("$ref").and_then(Value::as_str);
+        let target = reference.and_then(|reference| schema.pointer(reference.strip_prefix('#')?));
+        let option = target.unwrap_or(option);
+        option.get("properties").is_some() || option.get("items").is_some()
+    };
+    let top = schema.get("properties").and_then(|properties| properties.get(key));
+    let is_value = top.is_some_and(|property| !options(property).into_iter().any(is_table));
+    let places = is_value
+        .then(|| "before all tables".to_owned())
+        .into_iter()
+        .chain(in_tables);
+    let places: Vec<String> = places.collect();
+    (!places.is_empty()).then(|| format!("`{key}` belongs {}", places.join(" or ")))
 }
 
 /// Paths of all keys of a file of type `T`, tables included; those of a table in a list follow `name[]`.
@@ -209,6 +223,7 @@ mod tests {
         #[derive(JsonSchema)]
         #[allow(dead_code, reason = "read by its schema alone")]
         struct File {
+            seed: Option<u64>,
             probe: Probe,
             effects: Option<Effects>,
             tissue: Vec<Tissue>,
@@ -217,6 +232,8 @@ mod tests {
         assert_eq!(home("frequency_mhz"), "`frequency_mhz` belongs in [probe]");
         assert_eq!(home("dynamic_range_db"), "`dynamic_range_db` belongs in [effects.tone]");
         assert_eq!(home("young_kpa"), "`young_kpa` belongs in [[tissue]]");
+        assert_eq!(home("seed"), "`seed` belongs before all tables");
+        assert_eq!(home("probe"), "");
         assert_eq!(home("frobnicate"), "");
     }
 }

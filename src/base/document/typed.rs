@@ -135,15 +135,20 @@ impl<'de> Deserializer<'de> for Value<'de> {
     fn deserialize_enum<V: Visitor<'de>>(
         self,
         _: &'static str,
-        _: &'static [&'static str],
+        variants: &'static [&'static str],
         visitor: V,
     ) -> Result<V::Value, Mismatch> {
+        let is_variant = |table: &DeTable| table.keys().all(|key| variants.contains(&key.get_ref().as_ref()));
         match self.0.into_inner() {
             DeValue::String(name) => visitor.visit_enum(name.as_ref().into_deserializer()),
-            DeValue::Table(table) if table.len() == 1 => visitor.visit_enum(Table {
+            DeValue::Table(table) if table.len() == 1 && is_variant(&table) => visitor.visit_enum(Table {
                 entries: table.into_iter(),
                 value: None,
             }),
+            DeValue::Table(_) => {
+                let words = variants.join("\" or \"");
+                Err(de::Error::custom(format_args!("found a table, expected \"{words}\"")))
+            }
             _ => Err(de::Error::custom("wanted string or table")),
         }
     }
