@@ -10,6 +10,7 @@
 //! | `image_texture` | solid texture (trilinear), constant echo | trilinear in double precision |
 //! | `image_lookup` | nearest voxel, trilinear look-up of a texture in isolation | trilinear in double precision |
 //! | `image_grain` | no grain, additive noise, developed speckle | Rayleigh statistics, requested correlation lengths |
+//! | `image_looks` | looks of compounding, speckle reduction | 9 looks, each rendered whole |
 //! | `image_waves` | samples, scanlines, sub-planes, a Gaussian beam | a simulation of waves |
 //! | `image_body` | nodes of the mesh on which a body breathes or is pressed | the finest mesh |
 //! | `image_location` | walk, grid, exhaustive search for the element of a sample | exhaustive search |
@@ -20,6 +21,7 @@
 mod body;
 mod grain;
 mod labels;
+mod looks;
 mod sampling;
 mod waves;
 
@@ -85,7 +87,7 @@ pub(crate) const ENTRY: Entry<ImageOptions> = Entry {
         name: "image",
         title: "Images",
         question: "What are the error, in grey levels, and the time of each way of rendering a frame? Grid of the beam, backends, labels, \
-                   sampling, texture, grain, moving bodies, point location.",
+                   sampling, texture, grain, compounding, moving bodies, point location.",
         help: "Imaging options: time and memory against grey levels and millimetres, for grids, labels, sampling, grain and backends",
         examples: "\
 Each table has a gold standard, made in the same run, and says which:
@@ -96,6 +98,7 @@ Each table has a gold standard, made in the same run, and says which:
   sampling    samples of a shadow, scanlines of a blur, against the finest
   texture     trilinear look-ups or a constant echo, against double precision
   grain       no grain, additive noise or developed speckle, against the statistics of speckle
+  looks       1 to 9 looks of compounding, with speckle reduction or not, against looks rendered whole
   waves       samples, scanlines, sub-planes and beams, against a simulation of waves
   body        nodes of a mesh that breathes or is pressed, against the finest
   location    a walk from the last frame, a search grid or every element, against every element
@@ -178,13 +181,14 @@ pub(crate) fn study(options: &ImageOptions, progress: &mut (dyn FnMut(&str, f64)
             gpu.report().name
         ));
     }
-    let steps: [(&str, f64, Measure); 9] = [
+    let steps: [(&str, f64, Measure); 10] = [
         ("grids of the beam", 0.0, labels::grids),
         ("precisions and backends", 0.55, labels::backends),
         ("labels", 0.65, labels::labels),
         ("effects", 0.7, labels::effects),
         ("shadow and blur", 0.75, sampling::sampling),
         ("texture and grain", 0.85, grain::grains),
+        ("looks", 0.87, looks::looks),
         ("beside waves", 0.88, waves::waves),
         ("moving bodies", 0.9, body::bodies),
         ("point location", 0.95, sampling::location),

@@ -106,6 +106,7 @@ fn every_table_is_filled_and_nothing_in_it_is_wrong() {
         ("image_texture", 2),
         ("image_lookup", 6),
         ("image_grain", 3),
+        ("image_looks", 8),
         ("image_waves", 9),
         ("image_body", 2),
         ("image_location", 3),
