@@ -12,7 +12,9 @@
 //! is brightest there.
 //!
 //! This takes less than to render every look whole: places, tissues and needles, the direction of speckle, mirror
-//! images and repeats are those of the middle look, and paths as long as its.
+//! images and repeats are those of the middle look, and paths as long as its. Behind an absorber and about a tilted
+//! surface the mean amplitude is within 0.6 dB of that of looks rendered whole; without looks it is 2 dB off
+//! (`tradeoff image`).
 //!
 //! ```toml
 //! effects.compound = { looks = 5 }

@@ -121,8 +121,10 @@ fn last_pass(settings: &Settings) -> &'static str {
         "speckle_reduction"
     } else if settings.effects.compound.is_some() {
         "compound"
-    } else {
+    } else if settings.effects.shadow.is_some() {
         "shadow"
+    } else {
+        "speckle_lateral"
     }
 }
 
@@ -244,8 +246,11 @@ pub(super) fn looks(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<T
                     (20.0 * (measured / expected).log10()).powi(2)
                 })
                 .collect();
-            let mut synth = Synthesizer::new(anatomies::uniform(PLAIN), settings.clone(), Backend::Cpu)?;
-            let speckle = synth.render_until(last_pass(&settings), &state)?;
+            // Nothing in uniform tissue casts a shadow.
+            let mut unshaded = settings.clone();
+            unshaded.effects.shadow = None;
+            let mut synth = Synthesizer::new(anatomies::uniform(PLAIN), unshaded.clone(), Backend::Cpu)?;
+            let speckle = synth.render_until(last_pass(&unshaded), &state)?;
             let quarter = speckle.amplitude.len() / 4;
             let middle: Vec<f64> = speckle.amplitude[quarter..3 * quarter].to_vec();
             let mut synth = Synthesizer::new(body(), settings, Backend::Cpu)?;
