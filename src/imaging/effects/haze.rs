@@ -10,9 +10,11 @@
 //! outside the body, stay silent.
 //!
 //! What occludes throws sound back and forth between itself and what lies above: where power of the beam is lost to it,
-//! a share of the mean power around goes on to fill the dark behind, and falls over `behind_mm`. Gas throws all back,
-//! so that its shadows are dirty, and so do bubbles in the contents of the bowel; bone takes up what its surface does not
-//! reflect, and its shadows are darker. Needles throw nothing back.
+//! a share of the mean power around goes on to fill the dark behind, and falls over `behind_mm`. Sound comes by two
+//! reflections. Gas throws all back, so that its shadows are dirty, and so do bubbles in the contents of the bowel; bone
+//! takes up what its surface does not reflect, and its shadows are darker. What is thrown back is scattered by tissue: the
+//! mean counts up to the power of liver, as the line of a surface, however bright, is the echo of one path. Needles throw
+//! nothing back.
 //!
 //! No theory gives the usual numbers: with them the dark of frames is as grey as that of real ones, the lumens of
 //! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black, shadows
@@ -340,7 +342,7 @@ fn reflectors_of<T: Real>(tables: &Tables, labels: &[u8], reflectors: &mut [T]) 
     }
 }
 
-/// Share that an occluding tissue throws back: what a surface of its impedance reflects if it is harder than soft
+/// Share that an occluding tissue throws back: what a surface of its impedance reflects twice if it is harder than soft
 /// tissue, and takes up the rest; otherwise, as bubbles scatter, all.
 #[inline(always)]
 fn thrown_back<T: Real>(impedance_mrayl: f32) -> T {
@@ -350,7 +352,8 @@ fn thrown_back<T: Real>(impedance_mrayl: f32) -> T {
     }
     let (impedance, soft) = (T::of(f64::from(impedance_mrayl)), T::of(SOFT_MRAYL));
     let step = (impedance - soft) / (impedance + soft);
-    step * step
+    let reflected = step * step;
+    reflected * reflected
 }
 
 /// Impedance of soft tissue, MRayl: that of muscle, above those of others (F. A. Duck, Physical Properties of Tissue,
@@ -416,7 +419,7 @@ impl<T: Real> Kernel for Column<'_, T> {
             for ((mean, reflected), gain) in means.iter_mut().zip(&reflected).zip(&self.gains[start..]) {
                 let gain = T::of(f64::from(*gain));
                 above = above * left + *mean * share * gain;
-                reverberant = reverberant * behind_left + *reflected * above;
+                reverberant = reverberant * behind_left + *reflected * above.min(T::one());
                 *mean = (above + behind * reverberant) / gain;
             }
         }
