@@ -22,7 +22,7 @@ struct Params {
     side: u32,
     to_next: u32,
     outermost: u32,
-    neighbour: u32,
+    neighbours: u32,
     seed: vec2<u32>,
     per_mm: f32,
     per_sample: f32,
@@ -30,6 +30,10 @@ struct Params {
     steepness: f32,
     ring: f32,
     rise: u32,
+    spread_per_sample: f32,
+    apart: u32,
+    unused_0: u32,
+    unused_1: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -280,24 +284,26 @@ fn continues(line: u32, other: u32) -> bool {
     return tops[other] < params.samples && apart <= params.rise;
 }
 
-// Samples from an echo to its repeat.
-fn period(line: u32) -> u32 {
-    let side = min(params.neighbour, min(line, params.lines - 1u - line));
+// Number of scanlines of a stretch, of those that continue the surface, and samples from an echo to its repeat.
+fn stretch(line: u32) -> vec3<u32> {
+    let side = min(params.neighbours, min(line, params.lines - 1u - line) / params.apart);
     var sum = 0u;
     var count = 0u;
-    for (var other = line - side; other <= line + side; other++) {
+    for (var read = 0u; read <= 2u * side; read++) {
+        let other = line + read * params.apart - side * params.apart;
         if continues(line, other) {
             sum += tops[other];
             count++;
         }
     }
-    return max(sum / count, 1u);
+    return vec3<u32>(2u * side + 1u, count, max(sum / count, 1u));
 }
 
 // Tangent of the tilt of a reflector.
 fn tilt(line: u32, top: u32) -> f32 {
-    var first = line - min(line, params.neighbour);
-    var last = min(line + params.neighbour, params.lines - 1u);
+    let side = params.neighbours * params.apart;
+    var first = line - min(line, side);
+    var last = min(line + side, params.lines - 1u);
     first = select(line, first, continues(line, first));
     last = select(line, last, continues(line, last));
     if first == last {
@@ -316,7 +322,6 @@ fn echo_at(line: i32, sample: i32) -> f32 {
 }
 
 const GAS_MRAYL = 1.0;
-const CONVEX = 0.3;
 
 // Echoes with the mirror image beyond gas or lung, of what is above the surfaces.
 @compute @workgroup_size(64)
@@ -378,7 +383,8 @@ fn reverberation(@builtin(global_invocation_id) id: vec3<u32>) {
     if top >= params.samples {
         return;
     }
-    let step = period(id.y);
+    let stretch = stretch(id.y);
+    let step = stretch.z;
     if id.x >= step {
         return;
     }
@@ -387,8 +393,9 @@ fn reverberation(@builtin(global_invocation_id) id: vec3<u32>) {
     let far = rows_below[labels_below[row + top]];
     let between = near.impedance + far.impedance;
     let reflected = max(abs(near.impedance - far.impedance) / max(between, 1e-30), abs(near.capsule - far.capsule));
-    let curved = select(CONVEX, 1.0, far.impedance < GAS_MRAYL);
-    let gain = params.reverberation * curved * reflected * directivity(id.y, top);
+    let spread = 1.0 + select(params.spread_per_sample * f32(top), 0.0, far.impedance < GAS_MRAYL);
+    let met = f32(stretch.y) / f32(stretch.x);
+    let gain = params.reverberation * reflected / spread * (met * met) * directivity(id.y, top);
     var echo = echoes[row + id.x];
     for (var sample = id.x + step; sample < params.samples; sample += step) {
         let own = echoes[row + sample];

@@ -255,11 +255,6 @@ const NAMED: &[(&str, &[&str], &str)] = &[
          measures what lies above",
     ),
     (
-        "imaging/effects/shadow/b_lines.rs",
-        &["interface"],
-        "stripes rise where the surface is rough, on as coarse a lattice",
-    ),
-    (
         "imaging/effects/shadow/aperture.rs",
         &["needle", "compound"],
         "the needle shades; looks have apertures of their own",

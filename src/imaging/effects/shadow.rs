@@ -607,8 +607,8 @@ block! {
         to_next: u32,
         /// Number of rays on either side of the middle one of all.
         outermost: u32,
-        /// Scanlines of a stretch of a reflector to either side.
-        neighbour: u32,
+        /// Scanlines to either side that are read of a stretch of a reflector.
+        neighbours: u32,
         /// Seed of the lattice of B-lines.
         seed: [u32; 2],
         /// Points of that lattice per mm.
@@ -623,6 +623,12 @@ block! {
         ring: f32,
         /// Samples by which a stretch of a reflector may rise or fall.
         rise: u32,
+        /// What a repeat by bone is spread by per sample of its depth.
+        spread_per_sample: f32,
+        /// Distance between those scanlines.
+        apart: u32,
+        /// Padding to a multiple of 16 bytes.
+        unused: [u32; 2],
     }
 }
 
@@ -632,6 +638,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let [unfelt, least_centre_at] = tables.effects.shadow.downshift.map(|number| number as f32);
     let aperture = &tables.effects.shadow.aperture;
     let b_lines = b_lines::BLines::<f32>::of(tables);
+    let [neighbours, apart] = reverberation::side(tables);
     ParamBlock::of(&ShadowParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
@@ -653,7 +660,7 @@ fn params(view: &View, _: Band) -> ParamBlock {
         side: aperture.side as u32,
         to_next: aperture.to_next as u32,
         outermost: aperture.outermost as u32,
-        neighbour: reverberation::side(tables) as u32,
+        neighbours: neighbours as u32,
         seed: b_lines.seed,
         per_mm: b_lines.per_mm,
         per_sample: b_lines.per_sample,
@@ -661,6 +668,9 @@ fn params(view: &View, _: Band) -> ParamBlock {
         steepness: b_lines.steepness,
         ring: b_lines.ring,
         rise: reverberation::rise(tables),
+        spread_per_sample: reverberation::spreading(tables) as f32,
+        apart: apart as u32,
+        unused: [0; 2],
     })
 }
 

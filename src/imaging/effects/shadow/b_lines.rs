@@ -3,14 +3,13 @@
 //! Where fluid is caught between bubbles of gas, sound rings in it for long and returns all the while: a stripe from the
 //! surface on, as bright at every depth, in which no repeats are seen (D. Lichtenstein et al., Am. J. Respir. Crit. Care
 //! Med. 156 (1997) 1640). Where they rise is a property of the tissue: with `n` a complex number of unit mean power,
-//! smooth over [`ROUGHNESS_MM`] and anchored in the tissue at the surface, the strength is `w = (|n|^2 + ln b) / RISE`,
+//! smooth over [`STRIPE_MM`] and anchored in the tissue at the surface, the strength is `w = (|n|^2 + ln b) / RISE`,
 //! at least 0 and at most 1. As `|n|^2` is distributed exponentially, it is above 0 on the share `b` of the surface. The
 //! stripe has the amplitude `w RING m`, less the loss down to the surface and that of average soft tissue from there, with
 //! `m` a ripple along the beam of unit mean power; echoes below the surface are left the share `1 - w`.
 
 use super::{exponent_per_unit, mirror::is_gas};
 use crate::effects::common::scatterers;
-use crate::effects::interface::ROUGHNESS_MM;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
@@ -18,12 +17,14 @@ use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::real::Real;
 
-/// Rise of `|n|^2` over which a stripe becomes full: stripes of 2 to 3 mm have soft edges. By eye.
-const RISE: f64 = 0.7;
+/// Length over which the strength changes along the surface, mm: stripes are 1 to 3 mm wide. By eye.
+pub(crate) const STRIPE_MM: f64 = 3.0;
+/// Rise of `|n|^2` over which a stripe becomes full. By eye.
+const RISE: f64 = 1.5;
 /// Amplitude of a stripe relative to liver: 10 dB. By eye.
 const RING: f64 = 3.162;
 /// Length of the ripple along the beam, mm. By eye.
-const RIPPLE_MM: f64 = 0.7;
+const RIPPLE_MM: f64 = 0.5;
 /// Separates the lattice from that of other effects with the same seed.
 const STREAM: u64 = 0xb11e_0b11 << 32;
 
@@ -59,7 +60,7 @@ impl<T: Real> BLines<T> {
     pub(crate) fn of(tables: &Tables) -> Self {
         Self {
             seed: seed_words(tables.settings.seed ^ STREAM),
-            per_mm: T::of(1.0 / ROUGHNESS_MM),
+            per_mm: T::of(1.0 / STRIPE_MM),
             per_sample: T::of(tables.sample_mm() / RIPPLE_MM),
             threshold: T::of(-share(tables).max(f64::MIN_POSITIVE).ln()),
             steepness: T::of(1.0 / RISE),

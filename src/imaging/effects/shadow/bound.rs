@@ -303,12 +303,12 @@ pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
             }
             let index = row + depth - 1;
             let surface = Surface::new(step.tables, tops);
-            let returned = returned(step.tables, [labels[index], labels[index + 1]]);
-            let gain = returned * surface.directivity(line, spacing(step.tables));
+            let returned = returned(step.tables, [labels[index], labels[index + 1]], depth);
+            let (period, met) = surface.stretch::<f64>(line);
+            let gain = returned * met * surface.directivity(line, spacing(step.tables));
             // About seventy operations on numbers up to 1 in the directivity, the reflection and the product; two
             // stored numbers, their ratio and a product.
-            let off = 74.0 * ULP + DIVIDE;
-            let period = surface.period(line);
+            let off = 80.0 * ULP + 3.0 * DIVIDE;
             let mut echoes = before.to_vec();
             for sample in depth.max(period)..samples {
                 let passed = left[sample] / left[sample - period];

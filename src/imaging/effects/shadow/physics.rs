@@ -1,6 +1,6 @@
 //! Loss down the beam: Beer and Lambert's law through layers, bone, and the needle.
 
-use crate::effects::shadow::reverberation::CONVEX;
+use crate::effects::shadow::reverberation::BONE_RADIUS_MM;
 use insonify_imaging::effects::shadow::downshift::Downshift;
 use insonify_imaging::effects::shadow::{SOFT_TISSUE_DB_CM_MHZ, Shadow, UNITS_PER_DB};
 use insonify_imaging::synth::layers::Beam;
@@ -274,7 +274,8 @@ fn tissue_above_a_reflector_comes_back_below_it_again_and_again() {
             for line in 12..49 {
                 let depth = 20.0 + angle.tan() * 0.5 * (line as f64 - 30.0);
                 let reflected = (BONE_MRAYL - PLAIN.impedance_mrayl) / (BONE_MRAYL + PLAIN.impedance_mrayl);
-                let gain = 0.35 * CONVEX * reflected * angle.cos().powi(4) * (2.0 * angle).cos().powi(4);
+                let spread = 1.0 + 2.0 * depth / BONE_RADIUS_MM;
+                let gain = 0.35 * reflected / spread * angle.cos().powi(4) * (2.0 * angle).cos().powi(4);
                 let row = line * with.samples;
                 for (order, share) in [(1, 0.6), (1, 0.9), (2, 0.15)] {
                     let from = (share * depth / 0.05) as usize;

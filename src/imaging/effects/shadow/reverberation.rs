@@ -7,9 +7,10 @@
 //! [`Shadow::reverberation`], by the reflection coefficient of the reflector (0.99 for gas, 0.8 for lung, 0.6 for bone)
 //! and, for a reflector tilted by theta, by cos^4 theta (the law of [`interface`](crate::effects::interface)) and cos^4 2
 //! theta (the angle at which it returns to the array). Bone is convex towards the array, as laminae and ribs are, and
-//! spreads what it returns: of that [`CONVEX`] is left. Powers are added, as the phases over such long paths are random.
-//! Depth and tilt are those of a stretch of the surface, since the width of a beam meets that. A lung's A-lines: D.
-//! Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
+//! spreads what it returns: a mirror of radius r at depth d leaves 1 / (1 + 2 d / r) of the amplitude. Powers are added, as
+//! the phases over such long paths are random. Depth and tilt are those of a stretch of the surface, since the width of a
+//! beam meets that; where only a share of the stretch continues the surface, that share is met, there and back. A lung's
+//! A-lines: D. Lichtenstein et al., Intensive Care Med. 24 (1998) 1331.
 
 use super::mirror::is_gas;
 use super::{Shadow, penumbra};
@@ -24,12 +25,12 @@ use insonify_base::real::Real;
 /// tilt. On another surface lies what is more than this deeper or shallower.
 const SIDE_MM: f64 = 3.0;
 
-/// Largest number of scanlines to either side.
-const MAX_SIDE: f64 = 64.0;
+/// Largest number of scanlines to either side whose depths are read; where more lie on a stretch, every second, third and
+/// so on is.
+const MAX_READ: usize = 8;
 
-/// Amplitude that a convex mirror of a radius of 10 mm, in the plane and across it, returns from 12 mm and more relative to
-/// a flat one, 1 / (1 + 2 d / r): 0.3.
-pub(crate) const CONVEX: f64 = 0.3;
+/// Radius of curvature of bone in the plane and across it, mm: of ribs and laminae. By eye.
+pub(crate) const BONE_RADIUS_MM: f64 = 10.0;
 
 /// Whether the volume contains an opaque tissue.
 pub(crate) fn occludes(tables: &Tables) -> bool {
@@ -58,8 +59,8 @@ pub struct Surface<'a> {
     pub tops: &'a [u32],
     /// Samples along a scanline.
     pub samples: usize,
-    /// Scanlines to either side that belong to a stretch.
-    side: usize,
+    /// Scanlines to either side that are read of a stretch, and distance between them in scanlines.
+    side: [usize; 2],
     /// Samples by which they may be deeper or shallower.
     rise: u32,
 }
@@ -81,18 +82,21 @@ impl<'a> Surface<'a> {
         (self.tops[other] as usize) < self.samples && self.tops[other].abs_diff(self.tops[line]) <= self.rise
     }
 
-    /// Samples from an echo to its repeat: the mean depth of the stretch.
+    /// Samples from an echo to its repeat, which are the mean depth of the stretch; and what a beam as wide as that meets
+    /// of the surface, there and back.
     #[inline(always)]
-    pub(crate) fn period(&self, line: usize) -> usize {
-        let side = self.side.min(line).min(self.tops.len() - 1 - line);
+    pub(crate) fn stretch<T: Real>(&self, line: usize) -> (usize, T) {
+        let [side, apart] = self.side;
+        let side = side.min(line / apart).min((self.tops.len() - 1 - line) / apart);
         let (mut sum, mut count) = (0, 0);
-        for other in line - side..=line + side {
+        for other in (0..=2 * side).map(|read| line + read * apart - side * apart) {
             if self.continues(line, other) {
                 sum += self.tops[other];
                 count += 1;
             }
         }
-        (sum / count).max(1) as usize
+        let met = T::of(f64::from(count)) / T::of((2 * side + 1) as f64);
+        ((sum / count).max(1) as usize, met * met)
     }
 
     /// Directivity of a repeat: factor on the amplitude for the tilt.
@@ -107,8 +111,9 @@ impl<'a> Surface<'a> {
     /// Tangent of the tilt, positive where the surface lies deeper on later scanlines; 0 where no neighbour continues it.
     #[inline(always)]
     pub fn slope<T: Real>(&self, line: usize, spacing: [T; 2]) -> T {
-        let first = line.saturating_sub(self.side);
-        let last = (line + self.side).min(self.tops.len() - 1);
+        let side = self.side[0] * self.side[1];
+        let first = line.saturating_sub(side);
+        let last = (line + side).min(self.tops.len() - 1);
         let known = |other: usize| if self.continues(line, other) { other } else { line };
         let (first, last) = (known(first), known(last));
         if first == last {
@@ -120,11 +125,13 @@ impl<'a> Surface<'a> {
     }
 }
 
-/// Scanlines of a stretch to either side, at the middle depth.
-pub(crate) fn side(tables: &Tables) -> usize {
+/// Scanlines to either side that are read of a stretch, and distance between them in scanlines, at the middle depth.
+pub(crate) fn side(tables: &Tables) -> [usize; 2] {
     let middle_mm = tables.grid.sample_depth_mm(tables.samples() / 2);
     let lines = SIDE_MM / tables.grid.lateral_spacing_mm(middle_mm);
-    lines.round().clamp(1.0, MAX_SIDE) as usize
+    let lines = (lines.round() as usize).clamp(1, tables.lines());
+    let apart = lines.div_ceil(MAX_READ);
+    [lines / apart, apart]
 }
 
 /// Samples by which a stretch may rise or fall.
@@ -162,9 +169,9 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
             return;
         }
         let index = line * samples + top;
-        let returned = T::of(returned(tables, [labels[index - 1], labels[index]]));
-        let gain = returned * surface.directivity(line, spacing);
-        let period = surface.period(line);
+        let returned = T::of(returned(tables, [labels[index - 1], labels[index]], top));
+        let (period, met) = surface.stretch::<T>(line);
+        let gain = returned * met * surface.directivity(line, spacing);
         for sample in top.max(period)..samples {
             let before = sample - period;
             let repeat = gain * (left[sample] / left[before]) * amplitudes[before];
@@ -174,11 +181,20 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
     });
 }
 
-/// Amplitude of a repeat by the flat surface between two labels relative to the echo, before attenuation.
-pub(crate) fn returned(tables: &Tables, labels: [u8; 2]) -> f64 {
+/// Amplitude of a repeat by the surface between two labels at a sample relative to the echo, before attenuation.
+pub(crate) fn returned(tables: &Tables, labels: [u8; 2], top: usize) -> f64 {
     let [above, below] = labels.map(|label| &tables.label_rows[usize::from(label)]);
-    let curved = if is_gas(tables, labels[1]) { 1.0 } else { CONVEX };
-    share(tables) * curved * above.reflection(below)
+    let spread = if is_gas(tables, labels[1]) {
+        0.0
+    } else {
+        spreading(tables) * top as f64
+    };
+    share(tables) * above.reflection(below) / (1.0 + spread)
+}
+
+/// What a repeat by bone is spread by per sample of its depth.
+pub(crate) fn spreading(tables: &Tables) -> f64 {
+    2.0 * tables.sample_mm() / BONE_RADIUS_MM
 }
 
 /// Amplitude of a repeat relative to the echo, before attenuation and reflection; 0 without a shadow.
