@@ -51,7 +51,7 @@ fn thrown_back(impedance: f32) -> f32 {
         return 1.0;
     }
     let ratio = (impedance - SOFT_MRAYL) / (impedance + SOFT_MRAYL);
-    return ratio * ratio;
+    return (ratio * ratio) * (ratio * ratio);
 }
 
 @compute @workgroup_size(256)
@@ -111,12 +111,12 @@ fn means_around(@builtin(local_invocation_index) thread: u32, @builtin(workgroup
     for (var i = start; i < end; i++) {
         above = above * left + means[row + i];
         means[row + i] = above;
-        sum = sum * behind_left + thrown_back_across(group.y, i) * above;
+        sum = sum * behind_left + thrown_back_across(group.y, i) * min(above, 1.0);
     }
     var reverberant = decaying_sum(thread, sum, params.behind_fading * f32(each));
     for (var i = start; i < end; i++) {
         above = means[row + i];
-        reverberant = reverberant * behind_left + thrown_back_across(group.y, i) * above;
+        reverberant = reverberant * behind_left + thrown_back_across(group.y, i) * min(above, 1.0);
         means[row + i] = (above + params.behind * reverberant) / gains[i];
     }
 }

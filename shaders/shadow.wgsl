@@ -1,8 +1,10 @@
 // Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
 // likewise, and the means over the rays. Then the mean over the beam of what that lets through. Twin of src/imaging/effects/shadow.rs,
-// src/imaging/effects/shadow/aperture.rs, penumbra.rs and reverberation.rs.
+// src/imaging/effects/shadow/aperture.rs, penumbra.rs, mirror.rs,
+// reverberation.rs and b_lines.rs.
 #import label_row
 #import prefix_sum
+#import scatterer
 
 struct Params {
     lines: u32,
@@ -20,7 +22,18 @@ struct Params {
     side: u32,
     to_next: u32,
     outermost: u32,
-    unused: u32,
+    neighbours: u32,
+    seed: vec2<u32>,
+    per_mm: f32,
+    per_sample: f32,
+    threshold: f32,
+    steepness: f32,
+    ring: f32,
+    rise: u32,
+    spread_per_sample: f32,
+    apart: u32,
+    unused_0: u32,
+    unused_1: u32,
 }
 
 @group(0) @binding(0) var<storage, read> params: Params;
@@ -45,7 +58,7 @@ struct Params {
 @group(0) @binding(4) var<storage, read> weights: array<f32>;
 @group(0) @binding(5) var<storage, read_write> amplitudes: array<f32>;
 
-// Of the mirror image and the reverberation.
+// Of the mirror image, the reverberation and B-lines.
 @group(0) @binding(3) var<storage, read_write> found: array<u32>;
 @group(0) @binding(1) var<storage, read> tops: array<u32>;
 @group(0) @binding(2) var<storage, read> losses_down: array<u32>;
@@ -54,6 +67,9 @@ struct Params {
 @group(0) @binding(4) var<storage, read> labels_below: array<u32>;
 @group(0) @binding(5) var<storage, read> rows_below: array<LabelRow>;
 @group(0) @binding(6) var<storage, read_write> mirrored: array<f32>;
+@group(0) @binding(2) var<storage, read> left_of_average: array<f32>;
+@group(0) @binding(6) var<storage, read> lost: array<u32>;
+@group(0) @binding(7) var<storage, read> positions: array<vec4<f32>>;
 
 // Losses of a sample: by attenuation, and others.
 fn tissue_losses(index: u32) -> vec2<u32> {
@@ -262,14 +278,34 @@ fn reflectors(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_i
     }
 }
 
-const NEIGHBOUR = 6u;
+// Whether the reflector of another scanline continues that of one.
+fn continues(line: u32, other: u32) -> bool {
+    let apart = max(tops[line], tops[other]) - min(tops[line], tops[other]);
+    return tops[other] < params.samples && apart <= params.rise;
+}
+
+// Number of scanlines of a stretch, of those that continue the surface, and samples from an echo to its repeat.
+fn stretch(line: u32) -> vec3<u32> {
+    let side = min(params.neighbours, min(line, params.lines - 1u - line) / params.apart);
+    var sum = 0u;
+    var count = 0u;
+    for (var read = 0u; read <= 2u * side; read++) {
+        let other = line + read * params.apart - side * params.apart;
+        if continues(line, other) {
+            sum += tops[other];
+            count++;
+        }
+    }
+    return vec3<u32>(2u * side + 1u, count, max(sum / count, 1u));
+}
 
 // Tangent of the tilt of a reflector.
 fn tilt(line: u32, top: u32) -> f32 {
-    var first = line - min(line, NEIGHBOUR);
-    var last = min(line + NEIGHBOUR, params.lines - 1u);
-    first = select(first, line, tops[first] >= params.samples);
-    last = select(last, line, tops[last] >= params.samples);
+    let side = params.neighbours * params.apart;
+    var first = line - min(line, side);
+    var last = min(line + side, params.lines - 1u);
+    first = select(line, first, continues(line, first));
+    last = select(line, last, continues(line, last));
     if first == last {
         return 0.0;
     }
@@ -344,21 +380,57 @@ fn directivity(line: u32, top: u32) -> f32 {
 @compute @workgroup_size(64)
 fn reverberation(@builtin(global_invocation_id) id: vec3<u32>) {
     let top = tops[id.y];
-    if top >= params.samples || id.x >= top {
+    if top >= params.samples {
+        return;
+    }
+    let stretch = stretch(id.y);
+    let step = stretch.z;
+    if id.x >= step {
         return;
     }
     let row = id.y * params.samples;
-    let above = exp2(f32(losses_down[row + top - 1u]) * 2.0 * params.exponent);
     let near = rows_below[labels_below[row + top - 1u]];
     let far = rows_below[labels_below[row + top]];
     let between = near.impedance + far.impedance;
     let reflected = max(abs(near.impedance - far.impedance) / max(between, 1e-30), abs(near.capsule - far.capsule));
-    let gain = params.reverberation * reflected * above * directivity(id.y, top);
+    let spread = 1.0 + select(params.spread_per_sample * f32(top), 0.0, far.impedance < GAS_MRAYL);
+    let met = f32(stretch.y) / f32(stretch.x);
+    let gain = params.reverberation * reflected / spread * (met * met) * directivity(id.y, top);
     var echo = echoes[row + id.x];
-    for (var sample = id.x + top; sample < params.samples; sample += top) {
+    for (var sample = id.x + step; sample < params.samples; sample += step) {
         let own = echoes[row + sample];
-        let again = gain * echo;
+        if sample < top {
+            echo = own;
+            continue;
+        }
+        let again = gain * (left_of_average[sample] / left_of_average[sample - step]) * echo;
         echo = sqrt(own * own + again * again);
         echoes[row + sample] = echo;
     }
+}
+
+// Stripes that ring down from the surface of gas or lung.
+@compute @workgroup_size(64)
+fn b_lines(@builtin(global_invocation_id) id: vec3<u32>) {
+    let top = tops[id.y];
+    if id.x >= params.samples || id.x < top {
+        return;
+    }
+    let row = id.y * params.samples;
+    if rows_below[labels_below[row + top]].impedance >= GAS_MRAYL {
+        return;
+    }
+    let place = positions[row + top].xyz * params.per_mm;
+    let rough = scatterer(place, params.seed);
+    let strength = clamp((dot(rough, rough) - params.threshold) * params.steepness, 0.0, 1.0);
+    if strength == 0.0 {
+        return;
+    }
+    let above = exp2(f32(lost[row + top - 1u]) * 2.0 * params.exponent);
+    let along = vec3<f32>(f32(id.x - top) * params.per_sample, 0.0, 0.0);
+    let ripple = scatterer(place + along, params.seed);
+    let size = params.ring * strength * above / left_of_average[top];
+    let stripe = size * left_of_average[id.x] * sqrt(dot(ripple, ripple));
+    let echo = echoes[row + id.x] * (1.0 - strength);
+    echoes[row + id.x] = sqrt(echo * echo + stripe * stripe);
 }

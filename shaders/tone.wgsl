@@ -27,6 +27,7 @@ struct Params {
 // Of the automatic gain.
 @group(0) @binding(2) var<storage, read> echoes: array<f32>;
 @group(0) @binding(3) var<storage, read_write> measured: array<f32>;
+@group(0) @binding(4) var<storage, read> tops: array<u32>;
 
 const BANDS = 16u;
 const SILENT = 0.1;
@@ -72,22 +73,29 @@ fn automatic(@builtin(global_invocation_id) id: vec3<u32>) {
     amplitudes[index] = grey(amplitudes[index] * gain[id.x], lifted);
 }
 
-// A workgroup a band: weights, and weights times amplitudes.
-@compute @workgroup_size(256)
-fn auto_gain(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
-    let band = group.y;
+// First and last sample of a band, and their number on all scanlines.
+fn span(band: u32) -> vec3<u32> {
     let end = (band + 1u) * params.samples / BANDS;
     let start = min(max(band * params.samples / BANDS, params.samples / NEAR), end);
-    let width = end - start;
-    let count = width * params.lines;
-    var sum = vec2<f32>(0.0);
-    for (var i = thread; i < count; i += THREADS) {
-        let line = i / width;
-        let sample = start + i - line * width;
-        let echo = echoes[line * params.samples + sample] * gain[sample] * params.scale;
-        let weight = clamp((echo - SILENT) * (1.0 / (HEARD - SILENT)), 0.0, 1.0);
-        sum += vec2<f32>(weight, weight * min(echo, MAX));
-    }
+    return vec3<u32>(start, end, (end - start) * params.lines);
+}
+
+// Scanline and sample of an element of a band.
+fn element(span: vec3<u32>, i: u32) -> vec2<u32> {
+    let width = span.y - span.x;
+    let line = i / width;
+    return vec2<u32>(line, span.x + i - line * width);
+}
+
+// Weight of an echo, and weight times amplitude.
+fn counted(at: vec2<u32>) -> vec2<f32> {
+    let echo = echoes[at.x * params.samples + at.y] * gain[at.y] * params.scale;
+    let weight = clamp((echo - SILENT) * (1.0 / (HEARD - SILENT)), 0.0, 1.0);
+    return vec2<f32>(weight, weight * min(echo, MAX));
+}
+
+// Sums of all threads to the gain of a band.
+fn measure(thread: u32, band: u32, count: u32, sum: vec2<f32>) {
     partial[thread] = sum;
     for (var half = THREADS / 2u; half > 0u; half /= 2u) {
         workgroupBarrier();
@@ -102,4 +110,29 @@ fn auto_gain(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id
         let room = max(params.ceiling - log2(gain[middle]), 0.0);
         measured[band] = min(-params.share * log2(level), room);
     }
+}
+
+// A workgroup a band.
+@compute @workgroup_size(256)
+fn auto_gain(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let span = span(group.y);
+    var sum = vec2<f32>(0.0);
+    for (var i = thread; i < span.z; i += THREADS) {
+        sum += counted(element(span, i));
+    }
+    measure(thread, group.y, span.z, sum);
+}
+
+// Without what lies behind bone, gas and lung.
+@compute @workgroup_size(256)
+fn auto_gain_above(@builtin(local_invocation_index) thread: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let span = span(group.y);
+    var sum = vec2<f32>(0.0);
+    for (var i = thread; i < span.z; i += THREADS) {
+        let at = element(span, i);
+        if at.y < tops[at.x] {
+            sum += counted(at);
+        }
+    }
+    measure(thread, group.y, span.z, sum);
 }

@@ -154,7 +154,13 @@ impl Stages {
 
     /// Returns the automatic gain at a sample depth, dB; `None` without automatic gain.
     fn auto_gain_db(&self, tables: &Tables, sample: usize) -> Option<f64> {
-        let gains = auto_gain::gains(&AutoGain::of(tables)?, tables.effects.tone.gain.of(), &self.before_tone);
+        let tops = auto_gain::tops(tables, &self.last.label);
+        let gains = auto_gain::gains(
+            &AutoGain::of(tables)?,
+            tables.effects.tone.gain.of(),
+            &self.before_tone,
+            &tops,
+        );
         Some(Tone::DB_PER_OCTAVE * auto_gain::at(&gains, sample, tables.samples()))
     }
 

@@ -250,8 +250,9 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/effects/shadow.rs",
-        &["needle", "speckle", "compound"],
-        "the needle shades; edges are as soft as the point spread; looks are shaded before mirror images",
+        &["needle", "speckle", "compound", "tone"],
+        "the needle shades; edges are as soft as the point spread; looks are shaded before mirror images; automatic gain \
+         measures what lies above",
     ),
     (
         "imaging/effects/shadow/aperture.rs",
@@ -303,7 +304,11 @@ const NAMED: &[(&str, &[&str], &str)] = &[
         &["speckle"],
         "windows are as long as the point spread, which is stated with the speckle",
     ),
-    ("imaging/effects/tone/auto_gain.rs", &["receiver"], "amplifies no noise"),
+    (
+        "imaging/effects/tone/auto_gain.rs",
+        &["receiver", "shadow"],
+        "amplifies no noise, and nothing behind bone and gas",
+    ),
     (
         "imaging/overlay.rs",
         &["speckle", "tone"],

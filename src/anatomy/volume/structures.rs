@@ -2,9 +2,9 @@
 //! completion.
 //!
 //! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart
-//! without chambers four chambers, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is
-//! drawn voxel by voxel: structures narrower than about two voxels are left out. Structures that the file labels itself
-//! are not drawn. [`LabelVolume::undivided`] returns the organs without structures.
+//! without chambers four chambers, one with chambers their walls, and soft tissue fat around the kidneys and patches of
+//! fat and muscle. Everything is drawn voxel by voxel: structures narrower than about two voxels are left out. Structures
+//! that the file labels itself are not drawn. [`LabelVolume::undivided`] returns the organs without structures.
 //!
 //! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et
 //! al., J. Am. Soc. Echocardiogr. 28 (2015) 1 (walls of 6 to 10 mm). Patches, the proportion of pyramids and fat around
@@ -34,6 +34,10 @@ const PYRAMIDS_ABOVE: f64 = -0.1;
 const HEART_MM: f64 = 10.0;
 const SEPTUM_MM: f64 = 9.0;
 const VALVES_MM: f64 = 3.0;
+/// Thickness of the walls drawn into chambers that a file labels as cavities, mm: of two that touch they make a septum
+/// or a valve, and the wall of the right heart and of atria is 2 to 4 mm (R. M. Lang et al., J. Am. Soc. Echocardiogr.
+/// 28 (2015) 1).
+const CHAMBER_WALL_MM: f64 = 2.0;
 /// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its
 /// axis.
 const VALVES_AT: f64 = 0.1;
@@ -282,7 +286,7 @@ impl Drawing<'_> {
         let hearts = self.of_tissue("heart");
         let [heart] = hearts[..] else { return };
         if self.has_named(&["ventric", "atrium", "myocard", "blood"]) {
-            return;
+            return self.chamber_walls(heart);
         }
         let Some(organ) = Organ::of(self.volume, |label| label == heart) else {
             return;
@@ -317,6 +321,26 @@ impl Drawing<'_> {
         if drawn > 0 {
             let note = format!("chambers of the heart ({})", self.labels[usize::from(blood)].value);
             self.notes.push(note);
+        }
+    }
+
+    /// Draws walls, septa and closed valves into the chambers of a heart that the file labels as cavities.
+    fn chamber_walls(&mut self, heart: u8) {
+        let chambers: Vec<u8> = self
+            .of_tissue("blood")
+            .into_iter()
+            .filter(|label| self.is_named(*label, "heart_"))
+            .collect();
+        let mut drawn = 0;
+        for chamber in chambers {
+            if let Some(organ) = Organ::of(self.volume, |label| label == chamber) {
+                drawn += self.relabel((&organ, chamber), LEAST_WALL, |depth, _| {
+                    (depth <= CHAMBER_WALL_MM).then_some(heart)
+                });
+            }
+        }
+        if drawn > 0 {
+            self.notes.push("walls between chambers of the heart".into());
         }
     }
 

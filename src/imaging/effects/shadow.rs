@@ -8,7 +8,8 @@
 //! own, so the sum converges to the Beer-Lambert law with the square of the sample distance. In tissues of different
 //! losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`); they are
 //! at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction of it. In
-//! the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it. Shadows of bone, air and
+//! the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it, and B-lines (`b_lines`).
+//! Shadows of bone, air and
 //! the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
 //!
 //! ```toml
@@ -28,12 +29,13 @@ use downshift::{Downshift, felt};
 
 pub use super::buffers::UNITS_PER_DB;
 use super::buffers::{
-    AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, beam, bytes_of, columns,
+    AMPLITUDE, AMPLITUDE_NEXT, Buffer, LABEL, LABEL_ROWS, LOSS, NEEDLE_MASK, POSITION, beam, bytes_of, columns,
 };
 use super::compound::{self, LOOKS_THROUGH, Steering};
 use super::lateral::{BLOCK, LateralKernel};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::PointSpread;
+use super::tone::auto_gain::AutoGain;
 use super::{
     Effect, EffectTables, OutOfRange, Parameters, Stage,
     Wanted::{self, No, Yes},
@@ -45,11 +47,12 @@ use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::{Tissue, TissueTable};
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::range::{check, parameters};
-use insonify_base::real::Real;
+use insonify_base::real::{Numbers, Real};
 use insonify_base::simd::Kernel;
 use insonify_tracking::probe::{BeamGrid, Transducer};
 
 pub mod aperture;
+pub mod b_lines;
 pub mod downshift;
 pub mod mirror;
 pub mod penumbra;
@@ -75,7 +78,9 @@ parameters! {
         f_number: Option<f64>, in 0..=20;
         /// Amplitude of a repeated echo between the first bone, gas or lung of a scanline and the face of the array
         /// relative to the echo, before attenuation and for a perfect reflector. 0 disables repeats.
-        reverberation: f64 = 0.35, in 0..=1;
+        reverberation: f64 = 0.45, in 0..=1;
+        /// Share of the surface of lung and gas from which B-lines ring down, which belong to the tissue. 0 disables them.
+        b_lines: f64 = 0.0, in 0..=1;
         /// Amplitude of the mirror image beyond gas or lung relative to the echo, before attenuation: two reflections
         /// at a slightly rough surface. Set by eye. 0 disables mirror images.
         mirror: f64 = 0.5, in 0..=1;
@@ -149,9 +154,10 @@ pub(crate) const EFFECT: Effect = Effect {
             (true, &PENUMBRA),
             (looks, &APERTURE_OF_LOOKS),
             (looks, &compound::SHADED),
-            (mirrors || repeats, &FIND_REFLECTORS),
+            (finds_reflectors(tables), &FIND_REFLECTORS),
             (mirrors, &MIRROR),
             (repeats, &REVERBERATION),
+            (b_lines::ring(tables), &B_LINES),
         ];
         passes
             .into_iter()
@@ -165,6 +171,7 @@ pub(crate) const EFFECT: Effect = Effect {
         &APERTURE_WEIGHTS,
         &THROUGH,
         &REFLECTORS,
+        &LEFT_OF_AVERAGE,
     ],
     label_row: Some(|_, derived, label, row| {
         [row.attenuation, row.loss] = derived.shadow.losses.get(label).copied().unwrap_or_default();
@@ -191,6 +198,14 @@ pub(super) fn runs(tables: &Tables) -> bool {
     })
 }
 
+/// Whether something opaque has to be found: something is repeated or mirrored in it, or what lies behind is no tissue to
+/// the automatic gain.
+pub(super) fn finds_reflectors(tables: &Tables) -> bool {
+    let gained = AutoGain::of(tables).is_some() && reverberation::occludes(tables);
+    let shown = mirror::mirrors(tables) || reverberation::repeats(tables) || b_lines::ring(tables);
+    runs(tables) && (gained || shown)
+}
+
 /// Number of labels that lose, and whether the needle shades.
 fn casting(tables: &Tables, shadow: &Shadow) -> (usize, bool) {
     let rows = tables.label_rows.iter().enumerate();
@@ -211,6 +226,8 @@ pub struct Derived {
     pub penumbra: Option<LateralKernel>,
     /// Rays of the aperture.
     pub aperture: Aperture,
+    /// Amplitude that average soft tissue leaves, there and back, at each sample depth.
+    pub left_of_average: Numbers,
 }
 
 /// Settings on which the tables depend.
@@ -222,10 +239,11 @@ pub(crate) type Key<'a> = (
     Transducer,
     Option<PointSpread>,
     Option<Steering>,
+    Attenuation,
 );
 
 /// Takes parameters, frequency (MHz), grid, tissues, aperture, if the width of the beam is not stated the point spread,
-/// and the directions of the looks.
+/// the directions of the looks, and the attenuation of average soft tissue.
 pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'a BeamGrid) -> Key<'a> {
     let probe = &settings.probe;
     let shadow = settings.effects.shadow.as_ref();
@@ -242,13 +260,14 @@ pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &'a Settings, grid: &'
         probe.transducer(),
         spread,
         steering,
+        Attenuation::average(settings),
     )
 }
 
 /// Makes losses, kernel and aperture.
 pub(crate) fn derive(
     anatomy: &Anatomy,
-    (shadow, frequency_mhz, grid, tissues, transducer, spread, steering): &Key,
+    (shadow, frequency_mhz, grid, tissues, transducer, spread, steering, average): &Key,
 ) -> Result<Derived, SynthError> {
     let Some(shadow) = shadow else {
         return Ok(Derived::default());
@@ -259,7 +278,12 @@ pub(crate) fn derive(
         [attenuation, attenuation + occlusion].map(|db_mm| units(db_mm * grid.sample_spacing_mm()))
     };
     let aperture = Aperture::new(shadow, transducer, grid, steering.as_ref());
+    let left = |sample: usize| {
+        let lost_db = average.db_at(grid.sample_depth_mm(sample)).min(MAX_PER_SAMPLE_DB);
+        10f64.powf(-lost_db / 20.0)
+    };
     Ok(Derived {
+        left_of_average: Numbers::new((0..grid.samples()).map(left).collect()),
         losses: (0..anatomy.volume.labels().len()).map(loss).collect(),
         penumbra: Some(shadow.kernel(spread.as_ref(), &aperture, grid)),
         downshift: Downshift::new(transducer.bandwidth).in_units(),
@@ -293,7 +317,13 @@ static APERTURE_WEIGHTS: Buffer = Buffer::new(255, "ApertureWeights", 4, |tables
 static THROUGH: Buffer = Buffer::new(260, "Through", 4, rays_of_beam);
 
 /// Per scanline: sample of the first opaque tissue, or the number of samples (`u32`).
-static REFLECTORS: Buffer = Buffer::new(270, "Reflectors", 4, Tables::lines);
+pub(super) static REFLECTORS: Buffer = Buffer::new(270, "Reflectors", 4, Tables::lines);
+
+/// Data of [`Derived::left_of_average`] (`f32`).
+static LEFT_OF_AVERAGE: Buffer = Buffer::new(275, "LeftOfAverage", 4, |tables| {
+    tables.effects.shadow.left_of_average.of::<f32>().len()
+})
+.derived(|_, derived| bytes_of(derived.shadow.left_of_average.of::<f32>()));
 
 fn rays_of_beam(tables: &Tables) -> usize {
     tables.effects.shadow.aperture.rays() * beam(tables)
@@ -500,7 +530,7 @@ const REVERBERATION: Pass = Pass {
     entry: "reverberation",
     bindings: &[
         (&REFLECTORS, Read),
-        (&LOSS, ReadLine),
+        (&LEFT_OF_AVERAGE, Read),
         (&AMPLITUDE, WriteLine),
         (&LABEL, ReadLine),
         (&LABEL_ROWS, Read),
@@ -510,6 +540,26 @@ const REVERBERATION: Pass = Pass {
     flips: false,
     cpu: reference!(reverberation::run),
     bound: bound!(By(bound::carry_reverberation)),
+};
+
+const B_LINES: Pass = Pass {
+    name: "shadow_b_lines",
+    shader: SHADER,
+    entry: "b_lines",
+    bindings: &[
+        (&REFLECTORS, Read),
+        (&LEFT_OF_AVERAGE, Read),
+        (&AMPLITUDE, WriteOwn),
+        (&LABEL, ReadLine),
+        (&LABEL_ROWS, Read),
+        (&LOSS, ReadLine),
+        (&POSITION, ReadLine),
+    ],
+    params,
+    grid: Grid::Samples,
+    flips: false,
+    cpu: reference!(b_lines::run),
+    bound: bound!(By(bound::carry_b_lines)),
 };
 
 fn wanted(tables: &Tables) -> Wanted {
@@ -557,8 +607,28 @@ block! {
         to_next: u32,
         /// Number of rays on either side of the middle one of all.
         outermost: u32,
+        /// Scanlines to either side that are read of a stretch of a reflector.
+        neighbours: u32,
+        /// Seed of the lattice of B-lines.
+        seed: [u32; 2],
+        /// Points of that lattice per mm.
+        per_mm: f32,
+        /// Those of the ripple of B-lines per sample.
+        per_sample: f32,
+        /// Power on the lattice from which B-lines rise.
+        threshold: f32,
+        /// Strength of B-lines per power above it.
+        steepness: f32,
+        /// Amplitude of B-lines.
+        ring: f32,
+        /// Samples by which a stretch of a reflector may rise or fall.
+        rise: u32,
+        /// What a repeat by bone is spread by per sample of its depth.
+        spread_per_sample: f32,
+        /// Distance between those scanlines.
+        apart: u32,
         /// Padding to a multiple of 16 bytes.
-        unused: u32,
+        unused: [u32; 2],
     }
 }
 
@@ -567,6 +637,8 @@ fn params(view: &View, _: Band) -> ParamBlock {
     let [spacing, spreading] = common::spacing(tables).map(|x| x as f32);
     let [unfelt, least_centre_at] = tables.effects.shadow.downshift.map(|number| number as f32);
     let aperture = &tables.effects.shadow.aperture;
+    let b_lines = b_lines::BLines::<f32>::of(tables);
+    let [neighbours, apart] = reverberation::side(tables);
     ParamBlock::of(&ShadowParams {
         lines: tables.lines() as u32,
         samples: tables.samples() as u32,
@@ -588,7 +660,17 @@ fn params(view: &View, _: Band) -> ParamBlock {
         side: aperture.side as u32,
         to_next: aperture.to_next as u32,
         outermost: aperture.outermost as u32,
-        unused: 0,
+        neighbours: neighbours as u32,
+        seed: b_lines.seed,
+        per_mm: b_lines.per_mm,
+        per_sample: b_lines.per_sample,
+        threshold: b_lines.threshold,
+        steepness: b_lines.steepness,
+        ring: b_lines.ring,
+        rise: reverberation::rise(tables),
+        spread_per_sample: reverberation::spreading(tables) as f32,
+        apart: apart as u32,
+        unused: [0; 2],
     })
 }
 

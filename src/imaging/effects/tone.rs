@@ -26,7 +26,7 @@ use super::pass::{
     Use::{self, *},
     View, block, bound, reference,
 };
-use super::shadow::Attenuation;
+use super::shadow::{Attenuation, REFLECTORS, finds_reflectors};
 use super::{
     EVERY_FRAME, Effect, OutOfRange, Parameters, Stage,
     Wanted::{self, Yes},
@@ -164,10 +164,12 @@ pub(crate) const EFFECT: Effect = Effect {
     example: "effects.tone = { gain_db = 8.0 }",
     wanted,
     passes: |tables| {
-        if AutoGain::of(tables).is_some() {
-            vec![&GAINS, &AUTOMATIC]
-        } else {
+        if AutoGain::of(tables).is_none() {
             vec![&BY_HAND]
+        } else if finds_reflectors(tables) {
+            vec![&GAINS_ABOVE, &AUTOMATIC]
+        } else {
+            vec![&GAINS, &AUTOMATIC]
         }
     },
     buffers: &[&GAIN, &AUTO_GAIN],
@@ -239,16 +241,32 @@ columns! {
 
 const BY_HAND: Pass = pass("tone", "by_hand", const { &[(&GAIN, Read), (&AMPLITUDE, WriteOwn)] });
 
-const GAINS: Pass = Pass {
-    grid: Grid::Workgroups(|_| [BANDS as u32, 1]),
-    cpu: reference!(auto_gain::run),
-    bound: bound!(Covered("by the bound of `tone`")),
-    ..pass(
-        "tone_auto_gain",
-        "auto_gain",
-        const { &[(&GAIN, Read), (&AMPLITUDE, Read), (&AUTO_GAIN, Write)] },
-    )
-};
+const GAINS: Pass = gains_pass(
+    "auto_gain",
+    const { &[(&GAIN, Read), (&AMPLITUDE, Read), (&AUTO_GAIN, Write)] },
+);
+
+/// Of the tissue above bone, gas and lung.
+const GAINS_ABOVE: Pass = gains_pass(
+    "auto_gain_above",
+    const {
+        &[
+            (&GAIN, Read),
+            (&AMPLITUDE, Read),
+            (&AUTO_GAIN, Write),
+            (&REFLECTORS, Read),
+        ]
+    },
+);
+
+const fn gains_pass(entry: &'static str, bindings: &'static [(&'static Buffer, Use)]) -> Pass {
+    Pass {
+        grid: Grid::Workgroups(|_| [BANDS as u32, 1]),
+        cpu: reference!(auto_gain::run),
+        bound: bound!(Covered("by the bound of `tone`")),
+        ..pass("tone_auto_gain", entry, bindings)
+    }
+}
 
 const AUTOMATIC: Pass = pass(
     "tone",

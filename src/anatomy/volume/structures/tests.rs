@@ -215,10 +215,30 @@ fn a_heart_has_four_chambers_within_its_walls() {
         u8::from(p.norm() < 50.0) + u8::from((p - Vector3::new(40.0, 0.0, 0.0)).norm() < 6.0)
     });
     assert!(add(&appendage).unwrap().note.is_some(), "an appendage is no chamber");
-    let four = volume([70.0; 3], &["heart", "heart_atrium_left"], |p| {
-        u8::from(p.norm() < 50.0) + u8::from(p.norm() < 9.0)
+}
+
+#[test]
+fn chambers_have_walls_and_a_septum_between_them() {
+    let chamber = |x: f64, p: &Vector3<f64>| (p - Vector3::new(x, 0.0, 0.0)).norm() < 15.0;
+    let names = ["heart_myocardium", "heart_atrium_left", "heart_atrium_right"];
+    let before = volume([40.0; 3], &names, |p| {
+        let inside = u8::from(chamber(-10.0, &p) && p.x < 0.0) + 2 * u8::from(chamber(10.0, &p) && p.x >= 0.0);
+        u8::from(p.norm() < 36.0) * (1 + inside)
     });
-    assert_eq!(add(&four).unwrap().note, None);
+    let after = add(&before).unwrap();
+    assert!(after.note.is_some());
+    for label in [2, 3] {
+        let chamber = Organ::of(&before, |held| held == label).unwrap();
+        for (voxel, depth) in chamber.voxels() {
+            let expected = if depth <= 2.0 { 1 } else { label };
+            assert_eq!(
+                after.volume.voxels()[after.volume.offset(voxel)],
+                expected,
+                "{depth} mm deep"
+            );
+        }
+    }
+    assert_eq!(regions(&after.volume, "heart_atrium_left"), 1);
 }
 
 #[test]

@@ -3,9 +3,11 @@
 
 use crate::effects::common::spacing;
 use crate::effects::shadow::aperture::LEAST_PRESENT;
+use crate::effects::shadow::b_lines::BLines;
 use crate::effects::shadow::penumbra::opaque_units;
-use crate::effects::shadow::reverberation::{directivity, reflection, share, slope, top};
+use crate::effects::shadow::reverberation::{self, Surface, returned, share};
 use crate::effects::shadow::{MAX_UNITS, exponent_per_unit, mirror, needle_units, opens};
+use crate::effects::speckle::bound::{INTERPOLATION, LOUDEST, SLOPE};
 
 use crate::parity::rounding::{DIVIDE, ROOT, TINY, ULP, exp2};
 use crate::parity::{Slack, Step};
@@ -208,13 +210,7 @@ pub(crate) fn left(step: &Step, slack: &Slack, steps: i32, of_rays: &[[f64; 2]])
 
 /// Returns the first opaque sample of each scanline, for both backends.
 fn tops(step: &Step) -> [Vec<u32>; 2] {
-    let (lines, samples) = (step.lines(), step.samples());
-    let opaque = opaque_units(step.tables.sample_mm());
-    let is_opaque = |label: u8| step.tables.label_rows[usize::from(label)].loss >= opaque;
-    [step.after, step.twin].map(|beam| {
-        let scanlines = beam.label[..lines * samples].chunks(samples);
-        scanlines.map(|labels| top(labels, is_opaque)).collect()
-    })
+    [step.after, step.twin].map(|beam| reverberation::tops(step.tables, &beam.label))
 }
 
 /// Returns the rounding error of the norm of two numbers: squares below the smallest normal number may be flushed to
@@ -242,7 +238,7 @@ pub(crate) fn carry_mirror(step: &Step, slack: &mut Slack) {
                 return images;
             }
             let mirror = mirror::Mirror { tops, samples, spacing };
-            let slope = slope(tops, line, samples, spacing);
+            let slope = Surface::new(step.tables, tops).slope(line, spacing);
             let index = row + depth - 1;
             let rate = f64::from(step.after.loss[index]) * exponent_per_unit() / depth as f64;
             for (sample, image) in images.iter_mut().enumerate().skip(depth) {
@@ -298,35 +294,134 @@ pub(crate) fn carry_reverberation(step: &Step, slack: &mut Slack) {
     for line in 0..lines {
         let row = line * samples;
         let before = &step.before.amplitude[row..][..samples];
-        // Gain with its error bound, and the resulting echoes.
+        let left = step.tables.effects.shadow.left_of_average.of::<f64>();
+        // Period, gain with its error bound, and the resulting echoes.
         let repeated = |tops: &[u32], labels: &[u8]| {
             let depth = tops[line] as usize;
             if depth >= samples {
-                return (0.0, 0.0, before.to_vec());
+                return (samples, 0.0, 0.0, before.to_vec());
             }
             let index = row + depth - 1;
-            let [one_way, off] = one_way(f64::from(step.after.loss[index]), slack.loss[index]);
-            let share = share(step.tables) * reflection(step.tables, [labels[index], labels[index + 1]]);
-            let gain = share * one_way * one_way * directivity(tops, line, samples, spacing(step.tables));
-            // Twice the one-way loss; about seventy operations on numbers up to 1 in the directivity, the reflection
-            // and the product.
-            let off = share * ((2.0 * one_way + off) * off + 70.0 * ULP);
+            let surface = Surface::new(step.tables, tops);
+            let returned = returned(step.tables, [labels[index], labels[index + 1]], depth);
+            let (period, met) = surface.stretch::<f64>(line);
+            let gain = returned * met * surface.directivity(line, spacing(step.tables));
+            // About seventy operations on numbers up to 1 in the directivity, the reflection and the product; two
+            // stored numbers, their ratio and a product.
+            let off = 80.0 * ULP + 3.0 * DIVIDE;
             let mut echoes = before.to_vec();
-            for sample in depth..samples {
-                echoes[sample] = echoes[sample].hypot(gain * echoes[sample - depth]);
+            for sample in depth.max(period)..samples {
+                let passed = left[sample] / left[sample - period];
+                echoes[sample] = echoes[sample].hypot(gain * passed * echoes[sample - period]);
             }
-            (gain, off, echoes)
+            (period, gain, off * share(step.tables), echoes)
         };
-        let (gain, gain_off, echoes) = repeated(&tops, &step.after.label);
-        let (of_other, other_off, others) = repeated(&of_twin, &step.twin.label);
+        let (period, gain, gain_off, echoes) = repeated(&tops, &step.after.label);
+        let (twin_period, of_other, other_off, others) = repeated(&of_twin, &step.twin.label);
         let (gain, gain_off) = (gain.max(of_other), gain_off.max(other_off));
         let least = tops[line].min(of_twin[line]) as usize;
         for sample in least..samples {
-            let [now, from] = [row + sample, row + sample - least];
+            let now = row + sample;
             // The norm of a pair moves by at most the change of either component.
-            slack.amplitude[now] +=
-                (gain + gain_off) * slack.amplitude[from] + gain_off * echoes[sample - least] + norm(echoes[sample]);
-            slack.amplitude[now] += (echoes[sample] - others[sample]).abs();
+            for from in [period, twin_period]
+                .map(|period| sample.checked_sub(period))
+                .into_iter()
+                .flatten()
+            {
+                slack.amplitude[now] += (gain + gain_off) * slack.amplitude[row + from] + gain_off * echoes[from];
+            }
+            slack.amplitude[now] += norm(echoes[sample]) + (echoes[sample] - others[sample]).abs();
+        }
+    }
+}
+
+/// A B-line of a scanline, for one backend.
+struct Stripe {
+    /// Sample of the surface.
+    top: usize,
+    /// Strength, with its error bound.
+    strength: [f64; 2],
+    /// What tissue leaves down to the surface, with its error bound.
+    passed: [f64; 2],
+    /// Place on the lattice, and how far rounding moves it.
+    place: [f64; 3],
+    moved: f64,
+}
+
+/// Propagates the bounds through the pass that draws B-lines.
+pub(crate) fn carry_b_lines(step: &Step, slack: &mut Slack) {
+    let (lines, samples) = (step.lines(), step.samples());
+    let tops = tops(step);
+    let b_lines = BLines::<f64>::of(step.tables);
+    let left = step.tables.effects.shadow.left_of_average.of::<f64>();
+    for line in 0..lines {
+        let row = line * samples;
+        let stripes = [(&tops[0], step.after), (&tops[1], step.twin)].map(|(tops, beam)| {
+            let top = tops[line] as usize;
+            if top >= samples || !mirror::is_gas(step.tables, beam.label[row + top]) {
+                return None;
+            }
+            let index = row + top;
+            let position = step.after.position[index];
+            let place = b_lines.place(position);
+            let torn = slack.torn.get(index).copied().unwrap_or(false);
+            // Position, its product with the stored density, and the sum with what lies along the beam.
+            let moved: f64 = (0..3)
+                .map(|axis| slack.position[index][axis] * b_lines.per_mm + 4.0 * ULP * place[axis].abs())
+                .sum();
+            // Torn positions leave it open.
+            let moved = if torn { f64::INFINITY } else { moved };
+            let rough_off = SLOPE * moved + LOUDEST * INTERPOLATION;
+            let strength = b_lines.strength(place);
+            // The square of the modulus, the stored threshold, a difference and a product.
+            let strength_off = b_lines.steepness
+                * ((2.0 * LOUDEST + rough_off) * rough_off + 6.0 * ULP * (LOUDEST * LOUDEST + b_lines.threshold));
+            let strength_off = strength_off.min(1.0);
+            let [one_way, off] = one_way(f64::from(step.after.loss[index - 1]), slack.loss[index - 1]);
+            let passed = one_way * one_way;
+            let passed_off = (2.0 * one_way + off) * off;
+            Some(Stripe {
+                top,
+                strength: [strength, strength_off],
+                passed: [passed, passed_off],
+                place,
+                moved,
+            })
+        });
+        if stripes.iter().all(Option::is_none) {
+            continue;
+        }
+        for sample in 0..samples {
+            let amplitude = step.before.amplitude[row + sample];
+            let own = slack.amplitude[row + sample];
+            // Echo of each backend with its error bound.
+            let [exact, twin] = stripes.each_ref().map(|stripe| {
+                let Some(stripe) = stripe.as_ref().filter(|stripe| sample >= stripe.top) else {
+                    return [amplitude, own];
+                };
+                let Stripe {
+                    top,
+                    strength: [strength, strength_off],
+                    passed: [passed, passed_off],
+                    place,
+                    moved,
+                } = *stripe;
+                let below = sample - top;
+                let size = b_lines.ring * passed * left[sample] / left[top];
+                let size_off = size * (8.0 * ULP + DIVIDE) + b_lines.ring * passed_off * left[sample] / left[top];
+                let along = b_lines.per_sample * below as f64;
+                let ripple_off = SLOPE * (moved + 4.0 * ULP * along) + LOUDEST * INTERPOLATION;
+                let ripple_off = (ripple_off + norm(LOUDEST)).min(2.0 * LOUDEST);
+                let ripple = b_lines.ripple(place, below);
+                let stripe = size * strength * ripple;
+                let stripe_off = (size + size_off) * ((strength + strength_off) * ripple_off + strength_off * ripple)
+                    + size_off * strength * ripple;
+                let echo = amplitude * (1.0 - strength);
+                let echo_off = own * (1.0 - strength + strength_off) + amplitude * (strength_off + 2.0 * ULP);
+                let sum = echo.hypot(stripe);
+                [sum, echo_off + stripe_off + norm(sum)]
+            });
+            slack.amplitude[row + sample] = (exact[0] - twin[0]).abs() + exact[1].max(twin[1]);
         }
     }
 }

@@ -2,11 +2,12 @@
 //! appear beyond the surface.
 //!
 //! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at
-//! the tilt estimated by [`reverberation`]. A sample beyond the surface receives the echo at the same path length along
+//! the tilt estimated by [`reverberation`](super::reverberation). A sample beyond the surface receives the echo at the same path length along
 //! the reflected beam, multiplied by [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra
 //! path, at the mean rate down to the surface. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 
-use super::{exponent_per_unit, penumbra, reverberation};
+use super::reverberation::Surface;
+use super::{exponent_per_unit, penumbra};
 use crate::effects::common::spacing;
 use crate::effects::pass::View;
 use crate::synth::store::Store;
@@ -19,10 +20,21 @@ pub(crate) const GAS_MRAYL: f32 = 1.0;
 
 /// Whether there are mirror images: the volume holds gas or lung.
 pub(crate) fn mirrors(tables: &Tables) -> bool {
+    share(tables) > 0.0 && holds_gas(tables)
+}
+
+/// Whether the volume holds gas or lung.
+pub(crate) fn holds_gas(tables: &Tables) -> bool {
     let opaque = penumbra::opaque_units(tables.sample_mm());
     let mut rows = tables.label_rows.iter().enumerate();
     let is_gas = |row: &LabelRow| row.loss >= opaque && row.impedance < GAS_MRAYL;
-    share(tables) > 0.0 && rows.any(|(index, row)| is_gas(row) && tables.volume.holds(index))
+    rows.any(|(index, row)| is_gas(row) && tables.volume.holds(index))
+}
+
+/// Whether an opaque label is gas or lung.
+pub(crate) fn is_gas(tables: &Tables, label: u8) -> bool {
+    let row = tables.label_rows.get(usize::from(label));
+    row.is_some_and(|row| row.impedance < GAS_MRAYL)
 }
 
 /// Amplitude of a mirror image relative to the echo, before attenuation; 0 without a shadow.
@@ -109,13 +121,8 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         spacing: spacing(tables).map(T::of),
     };
     let share = T::of(share(tables));
+    let surface = Surface::new(tables, &store.effects.shadow.reflectors);
     let exponent = T::of(exponent_per_unit());
-    let is_gas = |label: u8| {
-        tables
-            .label_rows
-            .get(usize::from(label))
-            .is_some_and(|row| row.impedance < GAS_MRAYL)
-    };
     let (labels, losses) = (&store.label, &store.loss);
     let above = &store.amplitude[..lines * samples];
     let scanlines = chunks_mut(&mut store.amplitude_next[..lines * samples], samples);
@@ -123,10 +130,10 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         amplitudes.copy_from_slice(&above[line * samples..][..samples]);
         let top = mirror.tops[line] as usize;
         // The first opaque sample may be bone, too, which is no mirror here.
-        if top >= samples || !is_gas(labels[line * samples + top]) {
+        if top >= samples || !is_gas(tables, labels[line * samples + top]) {
             return;
         }
-        let slope = reverberation::slope(mirror.tops, line, samples, mirror.spacing);
+        let slope = surface.slope(line, mirror.spacing);
         let rate = T::of(f64::from(losses[line * samples + top - 1])) * exponent / T::of(top as f64);
         for (sample, amplitude) in amplitudes.iter_mut().enumerate().skip(top) {
             let [from_line, from, longer] = mirror.place(line, slope, sample);

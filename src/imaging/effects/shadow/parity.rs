@@ -88,6 +88,29 @@ fn echoes_are_repeated_above_bone_and_mirrored_above_gas() {
 }
 
 #[test]
+fn b_lines_ring_down_from_gas() {
+    let mut cases = Vec::new();
+    for (name, shape) in SHAPES {
+        for (b_lines, samples) in [(0.3, 96), (1.0, 700)] {
+            let mut settings = scene::settings(scene::probe(shape, 40.0, 12, samples), scene::bare());
+            settings.effects.shadow = Some(Shadow {
+                b_lines,
+                ..Default::default()
+            });
+            for (volume, anatomy) in [("bone", scenes::with_bone()), ("gas", scenes::with_gas())] {
+                cases.push(Case::new(
+                    format!("{name}, {b_lines}, {samples} samples, {volume}"),
+                    anatomy,
+                    settings.clone(),
+                    scenes::oblique_pose(),
+                ));
+            }
+        }
+    }
+    check_all(&cases);
+}
+
+#[test]
 fn the_needle_shades() {
     let mut settings = scene::settings(scene::small_probe(), scene::bare());
     settings.has_needle = true;

@@ -11,12 +11,15 @@
 //! function of the amplitude with a slope of at most 2.5, and the divisor is never near 0: a small error of the echoes
 //! causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
+//! From the first bone, gas or lung of a scanline on there is no tissue to measure, however bright repeats and haze are.
+//!
 //! Noise is never amplified above `NOISE_GREY`.
 
 use std::ops::Range;
 
 use super::{MID_GREY, NOISE_GREY, Tone};
 use crate::effects::pass::View;
+use crate::effects::shadow::{finds_reflectors, reverberation};
 use crate::synth::store::Store;
 use crate::synth::tables::Tables;
 use insonify_base::parallel::for_each;
@@ -65,6 +68,15 @@ impl AutoGain {
     }
 }
 
+/// First sample of each scanline that does not count, from the labels of the samples; empty where all count.
+pub fn tops(tables: &Tables, labels: &[u8]) -> Vec<u32> {
+    if finds_reflectors(tables) {
+        reverberation::tops(tables, labels)
+    } else {
+        Vec::new()
+    }
+}
+
 /// Range of the samples of a band that count.
 pub fn range(band: usize, samples: usize) -> Range<usize> {
     let end = (band + 1) * samples / BANDS;
@@ -76,8 +88,9 @@ pub fn middle(band: usize, samples: usize) -> usize {
     ((2 * band + 1) * samples / (2 * BANDS)).min(samples - 1)
 }
 
-/// Automatic gain of each band, octaves. `amplitude` is that of the echoes before gain, scanline by scanline.
-pub fn gains<T: Real>(parameters: &AutoGain, gain: &[T], amplitude: &[T]) -> [T; BANDS] {
+/// Automatic gain of each band, octaves. `amplitude` is that of the echoes before gain, scanline by scanline; those from
+/// the samples `tops` on do not count.
+pub fn gains<T: Real>(parameters: &AutoGain, gain: &[T], amplitude: &[T], tops: &[u32]) -> [T; BANDS] {
     let samples = gain.len();
     let mut octaves = [T::zero(); BANDS];
     for_each((0.., &mut octaves[..]), &|(band, octaves)| {
@@ -86,6 +99,7 @@ pub fn gains<T: Real>(parameters: &AutoGain, gain: &[T], amplitude: &[T]) -> [T;
         let prior = T::of(PRIOR) * T::of(count + 1.0);
         let [weight, value] = T::vectorised(Sums {
             amplitude,
+            tops,
             gain,
             range,
             scale: T::of(parameters.scale),
@@ -113,6 +127,8 @@ const BLOCK: usize = 64;
 /// Sum of the weights of a band, and of weights times amplitudes.
 struct Sums<'a, T> {
     amplitude: &'a [T],
+    /// First samples of the scanlines that do not count; none if empty.
+    tops: &'a [u32],
     gain: &'a [T],
     range: Range<usize>,
     scale: T,
@@ -130,9 +146,10 @@ impl<T: Real> Kernel for Sums<'_, T> {
             let block = start..(start + BLOCK).min(self.range.end);
             let gain = &self.gain[block.clone()];
             let mut columns = [[T::zero(); BLOCK]; 2];
-            for line in self.amplitude.chunks_exact(self.gain.len()) {
-                let line = &line[block.clone()];
-                for i in 0..gain.len() {
+            for (number, line) in self.amplitude.chunks_exact(self.gain.len()).enumerate() {
+                let top = self.tops.get(number).map_or(block.end, |top| *top as usize);
+                let line = &line[block.start..top.clamp(block.start, block.end)];
+                for i in 0..line.len() {
                     let echo = line[i] * gain[i] * self.scale;
                     let weight = ((echo - zero) * rise).max(T::zero()).min(T::one());
                     columns[0][i] += weight;
@@ -155,6 +172,7 @@ pub(super) fn run<T: Real>(view: &View, store: &mut Store<T>) {
         &parameters,
         tables.effects.tone.gain.of::<T>(),
         &store.amplitude[..tables.lines() * samples],
+        &store.effects.shadow.reflectors,
     );
     for (sample, gain) in store.effects.tone.auto_gain.iter_mut().enumerate() {
         *gain = at(&octaves, sample, samples);
@@ -174,7 +192,7 @@ mod tests {
     /// Gains over 8 scanlines of 160 samples whose amplitudes are a function of scanline and sample.
     fn of(parameters: &AutoGain, echo: impl Fn(usize, usize) -> f64) -> [f64; BANDS] {
         let amplitude: Vec<f64> = (0..8 * 160).map(|at| echo(at / 160, at % 160)).collect();
-        gains(parameters, &[1.0; 160], &amplitude)
+        gains(parameters, &[1.0; 160], &amplitude, &[])
     }
 
     #[test]
@@ -202,6 +220,19 @@ mod tests {
         // Half of the scanlines in fluid: the gain is that of the tissue beside it.
         let octaves = of(&OWN, |line, _| if line < 4 { 4.0 } else { 0.05 });
         assert!(octaves.iter().all(|x| (x + 1.5).abs() < 0.1), "{octaves:?}");
+    }
+
+    /// Of tissue at four times the usual level above dim repeats, the gain is that of tissue where it reaches, and
+    /// none where it does not.
+    #[test]
+    fn nothing_behind_an_opaque_surface_is_measured() {
+        let amplitude: Vec<f64> = (0..8 * 160).map(|at| if at % 160 < 80 { 4.0 } else { 0.4 }).collect();
+        let octaves = gains(&OWN, &[1.0; 160], &amplitude, &[80; 8]);
+        for (band, octaves) in octaves.iter().enumerate() {
+            let expected = if band < 8 { -1.5 } else { 0.0 };
+            assert!((octaves - expected).abs() < 0.1, "band {band}: {octaves}");
+        }
+        assert!(gains(&OWN, &[1.0; 160], &amplitude, &[])[12] > 0.5);
     }
 
     #[test]

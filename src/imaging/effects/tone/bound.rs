@@ -3,7 +3,7 @@
 //! amplitude, so its ends are mapped in the same way.
 
 use crate::effects::tone::auto_gain::{
-    AutoGain, BANDS, FULL_WEIGHT, MAX, PRIOR, ZERO_WEIGHT, at, gains, middle, range,
+    AutoGain, BANDS, FULL_WEIGHT, MAX, PRIOR, ZERO_WEIGHT, at, gains, middle, range, tops,
 };
 use crate::effects::tone::{MID_GREY, Tone};
 
@@ -19,14 +19,16 @@ type Ends = [f64; 2];
 pub(crate) fn carry(step: &Step, slack: &mut Slack) {
     let effects = &step.tables.settings.effects;
     let bands = AutoGain::of(step.tables).map(|automatic| {
+        let tops = [step.after, step.twin].map(|beam| tops(step.tables, &beam.label));
         let exact = gains(
             &automatic,
             step.tables.effects.tone.gain.of::<f64>(),
             &step.before.amplitude,
+            &tops[0],
         );
         (
             exact,
-            std::array::from_fn(|band| band_ends(&automatic, step, slack, band)),
+            std::array::from_fn(|band| band_ends(&automatic, step, slack, band, &tops)),
         )
     });
     for index in 0..step.after.amplitude.len() {
@@ -54,7 +56,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
 }
 
 /// Returns the bounds of the automatic gain of a band, octaves.
-fn band_ends(automatic: &AutoGain, step: &Step, slack: &Slack, band: usize) -> Ends {
+fn band_ends(automatic: &AutoGain, step: &Step, slack: &Slack, band: usize, tops: &[Vec<u32>; 2]) -> Ends {
     let gain = step.tables.effects.tone.gain.of::<f64>();
     let range = range(band, step.samples());
     let count = (range.len() * step.lines()) as f64;
@@ -72,6 +74,16 @@ fn band_ends(automatic: &AutoGain, step: &Step, slack: &Slack, band: usize) -> E
                 // factor stored and the product, at most 1 (2).
                 let own_weight =
                     ((echo - ZERO_WEIGHT) / (FULL_WEIGHT - ZERO_WEIGHT) + side * 5.0 * ULP).clamp(0.0, 1.0);
+                // Below what is opaque to both backends nothing counts; to one, anything up to that.
+                let above = tops
+                    .each_ref()
+                    .map(|tops| tops.get(line).is_none_or(|top| sample < *top as usize));
+                let counts = if end == 0 {
+                    above[0] && above[1]
+                } else {
+                    above[0] || above[1]
+                };
+                let own_weight = own_weight * f64::from(u8::from(counts));
                 weight[end] += own_weight;
                 value[end] += own_weight * echo.min(MAX) * (1.0 + side * ULP);
             }

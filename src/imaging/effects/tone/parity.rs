@@ -5,7 +5,8 @@
 use insonify_imaging::effects::receiver::Receiver;
 use insonify_imaging::effects::tone::{Curve, Tone};
 
-use crate::parity_tests::case::{check_all, random};
+use crate::parity_tests::case::{Case, check_all, random};
+use crate::parity_tests::scenes;
 use crate::support::scene::{self, SHAPES};
 
 #[test]
@@ -60,6 +61,18 @@ fn linear_and_compressed_tones() {
                 settings,
             ));
         }
+    }
+    // What lies behind gas is not measured.
+    for (_, shape) in SHAPES {
+        let mut settings = scene::settings(scene::probe(shape, 40.0, 24, 151), scene::bare());
+        settings.effects.shadow = Some(Default::default());
+        settings.effects.tone = Some(Tone::default());
+        cases.push(Case::new(
+            "behind gas",
+            scenes::with_gas(),
+            settings,
+            scenes::oblique_pose(),
+        ));
     }
     check_all(&cases);
 }
