@@ -18,29 +18,38 @@ MASKS = {"epineurium": 1, "fascicle": 1, "artery": 2, "vein": 2}
 
 # What differs from frame to frame, by key: scanner, probe, and the look of tissues in another body.
 VARIED = {
-    "probe.depth_mm": "integer = [22, 56]",
+    "probe.depth_mm": "integer = [25, 52]",
     "probe.frequency_mhz": "uniform = [7.0, 12.0]",
-    "probe.bandwidth": "uniform = [0.25, 0.7]",
-    "tone.gain_db": "uniform = [-10, 8]",
-    "tone.dynamic_range_db": "uniform = [45, 80]",
+    "probe.bandwidth": "uniform = [0.2, 0.7]",
+    "probe.transmit_f_number": "uniform = [2.0, 6.0]",
+    "probe.receive_f_number": "uniform = [1.5, 5.0]",
+    "tone.gain_db": "uniform = [-7, 7]",
+    "tone.dynamic_range_db": "uniform = [45, 75]",
     "tone.gamma": "uniform = [0.7, 1.3]",
-    "tone.auto_gain": "uniform = [0.3, 1.0]",
-    "haze.level_db": "uniform = [-28, -10]",
-    "receiver.noise_db": "uniform = [-100, -60]",
+    "tone.auto_gain": "uniform = [0.1, 1.0]",
+    "texture.strength": "uniform = [0.3, 1.0]",
+    "haze.level_db": "uniform = [-26, -8]",
+    "receiver.noise_db": "uniform = [-100, -75]",
     "receiver.clutter_db": "uniform = [-40, -14]",
     "pose.tilt_deg": "uniform = [-10, 10]",
     "pose.rock_deg": "uniform = [-5, 5]",
     "pose.rotate_deg": "uniform = [-25, 25]",
     "fat.echogenicity_db": "uniform = [-8, 4]",
-    "muscle_limb.echogenicity_db": "uniform = [-12, 1]",
-    "muscle.echogenicity_db": "uniform = [-12, 1]",
-    "intermuscular_fat.echogenicity_db": "uniform = [-3, 7]",
-    "fascia.echogenicity_db": "uniform = [5, 14]",
-    "artery.echogenicity_db": "uniform = [-56, -22]",
-    "vein.echogenicity_db": "uniform = [-56, -22]",
-    "vessel_wall.echogenicity_db": "uniform = [0, 12]",
-    "epineurium.echogenicity_db": "uniform = [0, 9]",
-    "fascicle.echogenicity_db": "uniform = [-18, -3]",
+    "muscle_limb.echogenicity_db": "uniform = [-20, 0]",
+    "muscle_limb.attenuation_db_cm_mhz": "uniform = [0.6, 2.0]",
+    "muscle.echogenicity_db": "uniform = [-20, 0]",
+    "muscle.attenuation_db_cm_mhz": "uniform = [0.6, 2.0]",
+    "intermuscular_fat.echogenicity_db": "uniform = [-6, 6]",
+    "intermuscular_fat.impedance_mrayl": "uniform = [1.5, 1.7]",
+    "fascia.echogenicity_db": "uniform = [4, 14]",
+    "artery.echogenicity_db": "uniform = [-50, -18]",
+    "artery.capsule": "uniform = [0.0, 0.2]",
+    "vein.echogenicity_db": "uniform = [-50, -18]",
+    "vein.capsule": "uniform = [0.0, 0.12]",
+    "vessel_wall.echogenicity_db": "uniform = [-10, 10]",
+    "vessel_wall.impedance_mrayl": "uniform = [1.64, 1.72]",
+    "epineurium.echogenicity_db": "uniform = [2, 13]",
+    "fascicle.echogenicity_db": "uniform = [-22, 0]",
     "lymph_node.echogenicity_db": "uniform = [-16, -5]",
 }
 
@@ -68,8 +77,9 @@ def render(options, phantom):
     path = options.output / "scenes" / f"{phantom:05}.toml"
     path.write_text(scene(phantom, scanner, not options.fixed, options.pixels))
     array = path.with_suffix(".npy")
-    command = [options.insonify, "render", path, "--frames", str(options.frames), "--layers", "label-value"]
-    done = subprocess.run([*command, "--sidecar", "--backend", "cpu", "--force", "-o", array], capture_output=True, text=True)
+    command = [options.insonify, "render", path, "--frames", str(options.frames), "--backend", "cpu"]
+    command += ["--layers", "label-value", "--sidecar", "--force", "-o", array]
+    done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f"{path}:\n{done.stderr}")
     labels = json.loads((path.with_suffix("") / "parameters.json").read_text())["labels"]

@@ -161,6 +161,7 @@ def main():
     parser.add_argument("--side", type=int, default=80, help="pixels of frames, a multiple of 16")
     parser.add_argument("--width", type=int, default=8, help="channels of the first level, a multiple of 4")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--least", type=float, default=0, help="Dice of vessels below which the command fails")
     parser.add_argument("-o", "--output", type=Path, help="JSON file of the scores; networks beside it")
     options = parser.parse_args()
     torch.set_num_threads(options.threads)
@@ -173,7 +174,8 @@ def main():
     test = real if options.on == "train" else test
     results = {"test_frames": len(test[0]), "steps": options.steps, "batch": options.batch, "side": options.side}
     results["sets"] = {}
-    print(f"{'trained on':24} {'frames':>6} {'vessel':>13} {'nerve':>13} {'min':>5}   Dice on {len(test[0])} real frames")
+    heads = f"{'trained on':24} {'frames':>6} {'vessel':>13} {'nerve':>13} {'min':>5}"
+    print(f"{heads}   Dice on {len(test[0])} real frames", flush=True)
     for item in options.sets:
         name, _, folder = item.partition("=")
         frames, masks = load(Path(folder), None, options.side) if folder else real
@@ -181,15 +183,16 @@ def main():
         for seed in range(options.seeds):
             net = train(frames, masks, seed, options.steps, options.batch, options.width)
             scores.append(dice(predicted(net, test[0]), test[1]))
+            table = {key: [score[key] for score in scores] for key in scores[0]}
+            minutes = (time.time() - began) / 60
+            results["sets"][name] = {"frames": len(frames), "minutes": minutes, **table}
             if options.output:
                 torch.save(net.state_dict(), options.output.with_name(f"{name}-{seed}.pt"))
-        table = {key: [score[key] for score in scores] for key in scores[0]}
-        text = {key: f"{np.mean(values):.3f} +- {np.std(values, ddof=len(values) > 1):.3f}" for key, values in table.items()}
-        minutes = (time.time() - began) / 60
+                options.output.write_text(json.dumps(results, indent=1))
+        text = {key: f"{np.mean(all):.3f} +- {np.std(all, ddof=len(all) > 1):.3f}" for key, all in table.items()}
         print(f"{name:24} {len(frames):6} {text['vessel']:>13} {text['nerve']:>13} {minutes:5.1f}", flush=True)
-        results["sets"][name] = {"frames": len(frames), "minutes": minutes, **table}
-        if options.output:
-            options.output.write_text(json.dumps(results, indent=1))
+        if np.mean(table["vessel"]) < options.least:
+            raise SystemExit(f"{name}: the Dice of vessels is below {options.least}")
 
 
 if __name__ == "__main__":

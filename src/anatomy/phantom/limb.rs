@@ -61,7 +61,7 @@ struct Region {
     gap: [f64; 2],
     /// Share of nerves that are one fascicle.
     roots: f64,
-    /// Depth of the bone's surface, and its radius.
+    /// Way from the artery down to the bone's surface, and radius of the bone.
     bone: [f64; 2],
     shaft: [f64; 2],
 }
@@ -75,26 +75,26 @@ const REGIONS: [Region; 5] = [
         veins: [1.0, 2.4],
         vein: [2.0, 6.5],
         nerves: [2.0, 5.5],
-        nerve: [1.0, 2.8],
+        nerve: [1.2, 3.6],
         flat: [0.7, 1.0],
-        gap: [0.3, 7.0],
-        roots: 0.7,
-        bone: [22.0, 45.0],
+        gap: [0.1, 7.0],
+        roots: 0.5,
+        bone: [3.0, 25.0],
         shaft: [5.0, 9.0],
     },
     // Below the collarbone to the axilla: axillary vessels under the pectoral muscles, cords around the artery.
     Region {
         fat: [2.0, 10.0],
-        roof: [4.0, 18.0],
+        roof: [3.0, 14.0],
         artery: [2.0, 4.2],
         veins: [1.0, 3.0],
         vein: [2.0, 5.0],
         nerves: [2.0, 4.6],
-        nerve: [1.3, 3.6],
+        nerve: [1.8, 4.8],
         flat: [0.5, 1.0],
         gap: [0.2, 2.0],
-        roots: 0.3,
-        bone: [24.0, 50.0],
+        roots: 0.2,
+        bone: [3.0, 25.0],
         shaft: [6.0, 12.0],
     },
     // Elbow and upper arm: brachial artery with two veins, median, ulnar and radial nerves, humerus.
@@ -105,11 +105,11 @@ const REGIONS: [Region; 5] = [
         veins: [0.0, 3.6],
         vein: [0.7, 2.6],
         nerves: [1.0, 3.4],
-        nerve: [1.5, 3.6],
+        nerve: [1.8, 4.5],
         flat: [0.4, 0.9],
         gap: [0.2, 8.0],
         roots: 0.1,
-        bone: [14.0, 32.0],
+        bone: [2.0, 15.0],
         shaft: [8.0, 13.0],
     },
     // Groin: femoral artery, vein beside it, nerve on the other side.
@@ -120,26 +120,26 @@ const REGIONS: [Region; 5] = [
         veins: [1.0, 2.8],
         vein: [3.0, 7.0],
         nerves: [1.0, 2.4],
-        nerve: [2.5, 6.0],
+        nerve: [3.0, 7.0],
         flat: [0.25, 0.7],
         gap: [0.2, 3.0],
         roots: 0.0,
-        bone: [26.0, 50.0],
+        bone: [3.0, 20.0],
         shaft: [14.0, 22.0],
     },
     // Back of the knee and thigh: tibial and peroneal or sciatic nerve, popliteal vessels deeper.
     Region {
-        fat: [3.0, 13.0],
-        roof: [7.0, 18.0],
+        fat: [3.0, 11.0],
+        roof: [6.0, 15.0],
         artery: [2.2, 4.4],
         veins: [0.6, 2.6],
         vein: [2.0, 6.0],
         nerves: [1.0, 2.6],
-        nerve: [2.5, 6.0],
+        nerve: [3.0, 7.0],
         flat: [0.45, 0.85],
         gap: [0.2, 8.0],
         roots: 0.0,
-        bone: [28.0, 55.0],
+        bone: [2.0, 22.0],
         shaft: [12.0, 20.0],
     },
 ];
@@ -154,6 +154,11 @@ struct Draws {
 impl Draws {
     fn share(self, item: i32, which: i32) -> f64 {
         choice(self.seed, self.stream, [item, which])
+    }
+
+    /// As `from`, mostly near the lower end.
+    fn low(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
+        low + (high - low) * self.share(item, which).powi(2)
     }
 
     fn from(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
@@ -242,7 +247,6 @@ fn make(resolution_mm: f64, seed: u64) -> Result<LabelVolume, VolumeError> {
     let layers = Layers::new(draws, region);
     let fascia_mm = layers.skin_mm + layers.fat_mm;
     let mut painting = Painting::new(move |p: &Point| layers.label(p), None);
-    bone(&mut painting, draws, region);
     let bundle = Bundle::new(draws, region, fascia_mm);
     lymph_node(&mut painting, draws, &bundle, fascia_mm);
     bundle.paint(&mut painting, draws, region);
@@ -261,6 +265,8 @@ struct Layers {
     fascia_mm: f64,
     /// Half thickness of the fat between bellies, and how it varies.
     between_mm: [f64; 2],
+    /// Level of the unevenness below which there is no fascia between bellies.
+    broken: f64,
     bellies: Vec<Belly>,
     /// Unevenness: of layers, of bellies in two directions, of what is between them.
     noise: [Noise; 4],
@@ -291,7 +297,8 @@ impl Layers {
             skin_mm: draws.from([1.0, 2.0], 0, 1),
             fat_mm: draws.from(region.fat, 0, 2),
             fascia_mm: draws.from([0.4, 0.9], 0, 3),
-            between_mm: [draws.from([-0.6, 0.9], 0, 4), draws.from([0.4, 1.6], 0, 5)],
+            between_mm: [draws.low([-0.6, 6.0], 0, 4), draws.from([0.4, 1.6], 0, 5)],
+            broken: draws.from([-0.6, 0.6], 0, 6),
             bellies,
             noise: [(301, 18.0), (302, 13.0), (303, 13.0), (304, 7.0)]
                 .map(|(stream, scale)| Noise::new(draws.seed, stream, scale)),
@@ -329,7 +336,7 @@ impl Layers {
         let fat = self.between_mm[0] + self.between_mm[1] * uneven;
         if border < fat {
             l::BETWEEN
-        } else if border < fat.max(0.0) + self.fascia_mm / 2.0 && uneven > -0.5 {
+        } else if border < fat.max(0.0) + self.fascia_mm / 2.0 && uneven > self.broken {
             l::FASCIA
         } else {
             nearest[0].1
@@ -337,28 +344,9 @@ impl Layers {
     }
 }
 
-/// Tissue that vessels, nerves and bone take the place of.
+/// Tissue that bone, vessels and nerves take the place of.
 fn soft() -> Over {
     Over::only(&[l::FAT, l::FASCIA, l::MUSCLE, l::OBLIQUE, l::BETWEEN, l::LYMPH_NODE])
-}
-
-fn bone<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, draws: Draws, region: &Region) {
-    let radius = draws.from(region.shaft, 0, 20);
-    let shaft = Strand {
-        centre: [
-            draws.from([-22.0, 22.0], 0, 21),
-            draws.from(region.bone, 0, 22) + radius,
-        ],
-        drift: [draws.from([-0.2, 0.2], 0, 23), 0.0],
-        half: [radius * draws.from([1.0, 1.5], 0, 24), radius],
-        turn: draws.from([-0.5, 0.5], 0, 25),
-    };
-    let uneven = Uneven {
-        shape: shaft,
-        noise: Noise::new(draws.seed, 305, 9.0),
-        amplitude_mm: 0.8,
-    };
-    painting.add(uneven, 0.0, l::BONE, soft());
 }
 
 /// An oval node with a hilum of fat, beside the bundle.
@@ -377,8 +365,9 @@ fn lymph_node<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, draws: Dra
     painting.add(node(0.45), 0.0, l::BETWEEN, Over::only(&[l::LYMPH_NODE]));
 }
 
-/// Artery, veins and nerves, clear of each other.
+/// Bone, artery, veins and nerves, clear of each other.
 struct Bundle {
+    bone: Strand,
     artery: Strand,
     veins: Vec<Strand>,
     nerves: Vec<Strand>,
@@ -396,7 +385,18 @@ impl Bundle {
             half: [radius, radius * draws.from([0.85, 1.0], 0, 45)],
             turn: 0.0,
         };
+        let shaft = draws.from(region.shaft, 0, 20);
+        let bone = Strand {
+            centre: [
+                draws.from([-22.0, 22.0], 0, 21),
+                artery.centre[1] + radius + draws.from(region.bone, 0, 22) + shaft,
+            ],
+            drift: [draws.from([-0.2, 0.2], 0, 23), artery.drift[1]],
+            half: [shaft * draws.from([1.0, 1.5], 0, 24), shaft],
+            turn: draws.from([-0.5, 0.5], 0, 25),
+        };
         let mut bundle = Self {
+            bone,
             artery,
             veins: Vec::new(),
             nerves: Vec::new(),
@@ -405,19 +405,20 @@ impl Bundle {
             // Pressed flat by the probe: the perimeter stays, the height is 0.25 to 0.95 of the width.
             let (radius, flat) = (draws.from(region.vein, i, 50), draws.from([0.25, 0.95], i, 51));
             let half = 2.0 * radius / (1.0 + flat);
-            let gap = draws.from([0.2, 1.5], i, 52);
+            let gap = draws.from([-1.0, 1.5], i, 52);
             let vein = bundle.placed(draws, 400 + i, [half, half * flat], gap, fascia_mm);
             bundle.veins.extend(vein);
         }
         for i in 0..draws.from(region.nerves, 0, 47).round() as i32 {
             let (half, flat) = (draws.from(region.nerve, i, 60), draws.from(region.flat, i, 61));
-            let gap = draws.from(region.gap, i, 62);
+            let gap = draws.low(region.gap, i, 62);
             let nerve = bundle.placed(draws, 500 + i, [half, half * flat], gap, fascia_mm);
             bundle.nerves.extend(nerve);
         }
         bundle
     }
 
+    /// Vessels and nerves.
     fn strands(&self) -> impl Iterator<Item = &Strand> {
         std::iter::once(&self.artery).chain(&self.veins).chain(&self.nerves)
     }
@@ -437,7 +438,8 @@ impl Bundle {
                 let away = 0.5 * f64::from(step);
                 strand.centre = [self.artery.centre[0] + away * cos, self.artery.centre[1] + away * sin];
                 let low_enough = strand.centre[1] - half[1] > fascia_mm - 1.0;
-                if low_enough && self.strands().all(|other| strand.clears(other, gap_mm)) {
+                let others = self.strands().chain([&self.bone]);
+                if low_enough && others.into_iter().all(|other| strand.clears(other, gap_mm)) {
                     return Some(strand);
                 }
             }
@@ -446,20 +448,20 @@ impl Bundle {
     }
 
     fn paint<B: Fn(&Point) -> u8 + Sync>(&self, painting: &mut Painting<B>, draws: Draws, region: &Region) {
-        // Surfaces of a few tenths of a mm of unevenness, vessels less than nerves.
         let uneven = |shape: Strand, amplitude_mm: f64, stream: u32| Uneven {
             shape,
-            noise: Noise::new(draws.seed, stream, 3.0),
+            noise: Noise::new(draws.seed, stream, shape.half[0].max(2.0)),
             amplitude_mm,
         };
+        painting.add(uneven(self.bone, 0.8, 305), 0.0, l::BONE, soft());
         for (i, &strand) in self.strands().enumerate() {
-            let sheath = draws.from([0.2, 2.5], i as i32, 70);
+            let sheath = draws.low([0.0, 2.5], i as i32, 70);
             let around = Over::only(&[l::FASCIA, l::MUSCLE, l::OBLIQUE]);
             painting.add(uneven(strand, 1.2, 310), sheath, l::BETWEEN, around);
         }
-        let wall = draws.from([0.35, 0.8], 0, 71);
+        let wall = draws.from([0.0, 0.8], 0, 71);
         for (i, &vein) in (320..).zip(&self.veins) {
-            painting.add(uneven(vein, 0.3, i), 0.0, l::VEIN, soft());
+            painting.add(uneven(vein, 0.12 * vein.half[0], i), 0.0, l::VEIN, soft());
         }
         painting.add(uneven(self.artery, 0.15, 311), wall, l::ARTERY_WALL, soft());
         painting.add(

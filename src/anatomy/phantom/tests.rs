@@ -121,7 +121,10 @@ fn organs_have_the_size_of_real_ones() {
                 ("ligament", 6.0, 40.0),
             ],
         ),
-        (Phantom::Limb, &[("artery", 0.1, 2.0), ("fat", 3.0, 25.0), ("bone", 0.5, 25.0)]),
+        (
+            Phantom::Limb,
+            &[("artery", 0.1, 2.0), ("fat", 3.0, 25.0), ("bone", 0.5, 25.0)],
+        ),
         // Sphere and cylinder of radius 15 mm and length 20 mm (28.27 ml), and 25 mm of a cylinder of radius 6 mm (2.83
         // ml and a little where its end is hollow).
         (Phantom::TwoLayer, &[("phantom_inclusion", 31.0, 31.3)]),
@@ -321,7 +324,12 @@ fn default_poses_show_what_they_promise() {
             [2000.0, 0.544, 40.0],
             (
                 Phantom::Limb,
-                &[("artery", 0.005), ("vein", 0.005), ("epineurium", 0.003), ("fascicle", 0.001)],
+                &[
+                    ("artery", 0.005),
+                    ("vein", 0.005),
+                    ("epineurium", 0.003),
+                    ("fascicle", 0.001),
+                ],
             ),
         ),
     ];
@@ -352,7 +360,8 @@ fn limbs_differ_by_their_seeds_and_have_vessels_and_nerves_in_view() {
     let mut seen = std::collections::BTreeSet::new();
     for seed in 0..100 {
         let volume = made(kind, 0.8, seed);
-        let [artery, vein, nerve] = [&["artery"][..], &["vein"], &["epineurium", "fascicle"]].map(|names| area(&volume, names));
+        let [artery, vein, nerve] =
+            [&["artery"][..], &["vein"], &["epineurium", "fascicle"]].map(|names| area(&volume, names));
         assert!(artery > 3 && nerve > 0, "{seed}: {artery} {vein} {nerve}");
         seen.insert([artery, vein, nerve, area(&volume, &["fat"]), area(&volume, &["bone"])]);
     }
