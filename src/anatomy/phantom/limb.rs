@@ -156,12 +156,12 @@ impl Draws {
         choice(self.seed, self.stream, [item, which])
     }
 
-    /// As `from`, mostly near the lower end.
+    /// As `within`, mostly near the lower end.
     fn low(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
         low + (high - low) * self.share(item, which).powi(2)
     }
 
-    fn from(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
+    fn within(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
         low + (high - low) * self.share(item, which)
     }
 }
@@ -284,8 +284,8 @@ impl Layers {
         let [half, depth, _] = SIZE_MM;
         let bellies = (0..BELLIES)
             .map(|i| Belly {
-                centre: [draws.from([-half, half], i, 10), draws.from([4.0, depth], i, 11)],
-                drift: draws.from([-0.2, 0.2], i, 12),
+                centre: [draws.within([-half, half], i, 10), draws.within([4.0, depth], i, 11)],
+                drift: draws.within([-0.2, 0.2], i, 12),
                 label: if draws.share(i, 13) < 0.7 {
                     l::MUSCLE
                 } else {
@@ -294,11 +294,11 @@ impl Layers {
             })
             .collect();
         Self {
-            skin_mm: draws.from([1.0, 2.0], 0, 1),
-            fat_mm: draws.from(region.fat, 0, 2),
-            fascia_mm: draws.from([0.4, 0.9], 0, 3),
-            between_mm: [draws.low([-0.6, 6.0], 0, 4), draws.from([0.4, 1.6], 0, 5)],
-            broken: draws.from([-0.6, 0.6], 0, 6),
+            skin_mm: draws.within([1.0, 2.0], 0, 1),
+            fat_mm: draws.within(region.fat, 0, 2),
+            fascia_mm: draws.within([0.4, 0.9], 0, 3),
+            between_mm: [draws.low([-0.6, 6.0], 0, 4), draws.within([0.4, 1.6], 0, 5)],
+            broken: draws.within([-0.6, 0.6], 0, 6),
             bellies,
             noise: [(301, 18.0), (302, 13.0), (303, 13.0), (304, 7.0)]
                 .map(|(stream, scale)| Noise::new(draws.seed, stream, scale)),
@@ -352,13 +352,13 @@ fn soft() -> Over {
 /// An oval node with a hilum of fat, beside the bundle.
 fn lymph_node<B: Fn(&Point) -> u8 + Sync>(painting: &mut Painting<B>, draws: Draws, bundle: &Bundle, fascia_mm: f64) {
     let radii = [[2.0, 6.0], [1.2, 3.0], [3.0, 7.0]];
-    let radii = std::array::from_fn(|axis| draws.from(radii[axis], 0, 30 + axis as i32));
+    let radii = std::array::from_fn(|axis| draws.within(radii[axis], 0, 30 + axis as i32));
     let side = if draws.share(0, 33) < 0.5 { -1.0 } else { 1.0 };
-    let x = bundle.artery.centre[0] + side * draws.from([8.0, 22.0], 0, 34);
+    let x = bundle.artery.centre[0] + side * draws.within([8.0, 22.0], 0, 34);
     let centre = [
         x,
-        fascia_mm + draws.from([-1.0, 9.0], 0, 35),
-        draws.from([-8.0, 8.0], 0, 36),
+        fascia_mm + draws.within([-1.0, 9.0], 0, 35),
+        draws.within([-8.0, 8.0], 0, 36),
     ];
     let node = |scale: f64| Ellipsoid::upright(centre, radii.map(|radius| scale * radius));
     painting.add(node(1.0), 0.0, l::LYMPH_NODE, soft());
@@ -375,25 +375,25 @@ struct Bundle {
 
 impl Bundle {
     fn new(draws: Draws, region: &Region, fascia_mm: f64) -> Self {
-        let radius = draws.from(region.artery, 0, 40);
+        let radius = draws.within(region.artery, 0, 40);
         let artery = Strand {
             centre: [
-                draws.from([-12.0, 12.0], 0, 41),
-                fascia_mm + draws.from(region.roof, 0, 42) + radius,
+                draws.within([-12.0, 12.0], 0, 41),
+                fascia_mm + draws.within(region.roof, 0, 42) + radius,
             ],
-            drift: [draws.from([-0.2, 0.2], 0, 43), draws.from([-0.15, 0.15], 0, 44)],
-            half: [radius, radius * draws.from([0.85, 1.0], 0, 45)],
+            drift: [draws.within([-0.2, 0.2], 0, 43), draws.within([-0.15, 0.15], 0, 44)],
+            half: [radius, radius * draws.within([0.85, 1.0], 0, 45)],
             turn: 0.0,
         };
-        let shaft = draws.from(region.shaft, 0, 20);
+        let shaft = draws.within(region.shaft, 0, 20);
         let bone = Strand {
             centre: [
-                draws.from([-22.0, 22.0], 0, 21),
-                artery.centre[1] + radius + draws.from(region.bone, 0, 22) + shaft,
+                draws.within([-22.0, 22.0], 0, 21),
+                artery.centre[1] + radius + draws.within(region.bone, 0, 22) + shaft,
             ],
-            drift: [draws.from([-0.2, 0.2], 0, 23), artery.drift[1]],
-            half: [shaft * draws.from([1.0, 1.5], 0, 24), shaft],
-            turn: draws.from([-0.5, 0.5], 0, 25),
+            drift: [draws.within([-0.2, 0.2], 0, 23), artery.drift[1]],
+            half: [shaft * draws.within([1.0, 1.5], 0, 24), shaft],
+            turn: draws.within([-0.5, 0.5], 0, 25),
         };
         let mut bundle = Self {
             bone,
@@ -401,16 +401,16 @@ impl Bundle {
             veins: Vec::new(),
             nerves: Vec::new(),
         };
-        for i in 0..draws.from(region.veins, 0, 46).round() as i32 {
+        for i in 0..draws.within(region.veins, 0, 46).round() as i32 {
             // Pressed flat by the probe: the perimeter stays, the height is 0.25 to 0.95 of the width.
-            let (radius, flat) = (draws.from(region.vein, i, 50), draws.from([0.25, 0.95], i, 51));
+            let (radius, flat) = (draws.within(region.vein, i, 50), draws.within([0.25, 0.95], i, 51));
             let half = 2.0 * radius / (1.0 + flat);
-            let gap = draws.from([-1.0, 1.5], i, 52);
+            let gap = draws.within([-1.0, 1.5], i, 52);
             let vein = bundle.placed(draws, 400 + i, [half, half * flat], gap, fascia_mm);
             bundle.veins.extend(vein);
         }
-        for i in 0..draws.from(region.nerves, 0, 47).round() as i32 {
-            let (half, flat) = (draws.from(region.nerve, i, 60), draws.from(region.flat, i, 61));
+        for i in 0..draws.within(region.nerves, 0, 47).round() as i32 {
+            let (half, flat) = (draws.within(region.nerve, i, 60), draws.within(region.flat, i, 61));
             let gap = draws.low(region.gap, i, 62);
             let nerve = bundle.placed(draws, 500 + i, [half, half * flat], gap, fascia_mm);
             bundle.nerves.extend(nerve);
@@ -428,12 +428,12 @@ impl Bundle {
     fn placed(&self, draws: Draws, item: i32, half: [f64; 2], gap_mm: f64, fascia_mm: f64) -> Option<Strand> {
         let mut strand = Strand {
             half,
-            turn: draws.from([-0.4, 0.4], item, 0),
-            drift: [0, 1].map(|axis| self.artery.drift[axis] + draws.from([-0.1, 0.1], item, 1 + axis as i32)),
+            turn: draws.within([-0.4, 0.4], item, 0),
+            drift: [0, 1].map(|axis| self.artery.drift[axis] + draws.within([-0.1, 0.1], item, 1 + axis as i32)),
             centre: self.artery.centre,
         };
         for attempt in 0..20 {
-            let (sin, cos) = draws.from([-0.7, 3.84], item, 10 + attempt).sin_cos();
+            let (sin, cos) = draws.within([-0.7, 3.84], item, 10 + attempt).sin_cos();
             for step in 0..60 {
                 let away = 0.5 * f64::from(step);
                 strand.centre = [self.artery.centre[0] + away * cos, self.artery.centre[1] + away * sin];
@@ -459,7 +459,7 @@ impl Bundle {
             let around = Over::only(&[l::FASCIA, l::MUSCLE, l::OBLIQUE]);
             painting.add(uneven(strand, 1.2, 310), sheath, l::BETWEEN, around);
         }
-        let wall = draws.from([0.0, 0.8], 0, 71);
+        let wall = draws.within([0.0, 0.8], 0, 71);
         for (i, &vein) in (320..).zip(&self.veins) {
             painting.add(uneven(vein, 0.12 * vein.half[0], i), 0.0, l::VEIN, soft());
         }
@@ -476,7 +476,7 @@ impl Bundle {
             painting.add(uneven(nerve, amplitude_mm, stream), 0.0, l::EPINEURIUM, soft());
             let within = Over::only(&[l::EPINEURIUM]);
             if draws.share(i, 72) < region.roots {
-                let rim = draws.from([0.3, 0.6], i, 73);
+                let rim = draws.within([0.3, 0.6], i, 73);
                 painting.add(uneven(nerve, amplitude_mm, stream), -rim, l::FASCICLE, within);
             } else {
                 painting.add(fascicles(nerve, draws, i), 0.0, l::FASCICLE, within);
@@ -487,7 +487,7 @@ impl Bundle {
 
 /// Fascicles of a nerve, as many as the square of its width asks for, apart from each other and from its rim.
 fn fascicles(nerve: Strand, draws: Draws, item: i32) -> Solid<impl Fn(&Point) -> f64 + Send + Sync> {
-    let size = draws.from([0.35, 0.75], item, 74);
+    let size = draws.within([0.35, 0.75], item, 74);
     let mut all: Vec<Strand> = Vec::new();
     for attempt in 0..120 {
         let (level, angle) = (
@@ -495,7 +495,7 @@ fn fascicles(nerve: Strand, draws: Draws, item: i32) -> Solid<impl Fn(&Point) ->
             draws.share(item, 101 + 3 * attempt),
         );
         let (sin, cos) = (std::f64::consts::TAU * angle).sin_cos();
-        let radius = size * draws.from([0.6, 1.3], item, 102 + 3 * attempt);
+        let radius = size * draws.within([0.6, 1.3], item, 102 + 3 * attempt);
         let fascicle = Strand {
             centre: nerve.at([level * cos, level * sin]),
             half: [radius; 2],

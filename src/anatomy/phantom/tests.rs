@@ -72,7 +72,8 @@ fn labels_are_numbered_from_one_and_named_once() {
             assert_eq!(usize::from(*value), i + 1);
             assert_eq!(table.iter().filter(|other| other.1 == *name).count(), 1);
         }
-        let volume = made(kind, 2.0, 0);
+        // Not every limb has muscle of both directions: that of this seed does.
+        let volume = made(kind, 2.0, 3);
         assert_eq!(volume.labels().len(), table.len() + 1);
         for label in volume.labels() {
             assert!(label.voxels > 0, "{kind:?}: no {:?}", label.name);
