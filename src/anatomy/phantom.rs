@@ -109,6 +109,9 @@ phantoms! {
     /// An exposed liver, its inferior vena cava across the image, after the experiment of Kobayashi et al. 2010. 110 x
     /// 74 x 48 mm, 0.5 mm voxels by default.
     liver_vein: LiverVein;
+    /// Vessels and nerves of a limb or the neck across a linear probe, the region by the seed. 64 x 62 x 20 mm, 0.3 mm
+    /// voxels by default.
+    limb: Limb;
 }
 
 /// Options for generating a phantom.

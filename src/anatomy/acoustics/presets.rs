@@ -18,6 +18,8 @@
 //!   portal branches, which have twice as much, and of hepatic veins, which have none. The middle one of the flat
 //!   muscles carries the fasciae between them. The heart has its pericardium, the brightest line of clinical frames of
 //!   hearts beside the lung, 22 dB above liver; its chambers differ from it by half.
+//! - Parts of nerves, lymph nodes, and fat between muscles, whose strands of connective tissue bring its impedance near
+//!   theirs: by eye, beside frames of a linear probe. The wall of an artery is brighter than that of a vein.
 //! - Stiffness: T. A. Krouskop et al., Ultrasonic Imaging 20 (1998) 260 (prostate); P. N. T. Wells and H.-D. Liang, J.
 //!   R. Soc. Interface 8 (2011) 1521 (soft organs, fat, muscle); Duck, chapter 5 (bone, cartilage, ligament, skin).
 //!   Poisson's ratio represents near incompressibility: 0.49 for solid tissue, 0.495 for fluids, 0.3 for bone.
@@ -50,6 +52,8 @@ const ABDOMINAL_FIBRES: [f64; 3] = [0.92, 0.08, 0.38];
 const INTERNAL_FIBRES: [f64; 3] = [0.5, 0.06, -0.86];
 /// Fibre direction of the muscles along the spine.
 const PARASPINAL_FIBRES: [f64; 3] = [0.12, 0.1, 0.99];
+/// Fibre direction of the muscles of limbs, along them.
+const LIMB_FIBRES: [f64; 3] = [0.2, 0.15, 0.97];
 
 /// Reflection coefficient of a capsule or a vessel's wall.
 const CAPSULE: f64 = 0.06;
@@ -119,9 +123,11 @@ static PRESETS: &[Tissue] = &[
     row("fat",                    0xf2d36b, "fat",                 [1.0,    0.6,  0.0,  1.38],   [3.0,    0.49,  0.008, 0.3]).along(ACROSS_LAYERS),
     row("peritoneal_fat",         0xe6c25a, "fat",                 [3.0,    0.6,  0.0,  1.38],   [2.5,    0.49,  0.008, 0.3]).scaled(1.3),
     row("epidural_fat",           0xd8b44c, "fat",                 [4.0,    0.6,  0.0,  1.38],   [2.5,    0.49,  0.006, 0.2]).scaled(0.6),
+    row("intermuscular_fat",      0xe0bc60, "fat",                 [1.0,    0.6,  0.0,  1.60],   [2.5,    0.49,  0.008, 0.3]).scaled(0.5),
     row("muscle",                 0xa8483c, "muscle",              [-1.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(ABDOMINAL_FIBRES),
     row("muscle_paraspinal",      0x9a3f36, "muscle",              [-6.0,   0.75, 0.0,  1.70],   [14.0,   0.49,  0.02,  0.9]).along(PARASPINAL_FIBRES),
     row("muscle_internal",        0xb4564a, "muscle",              [-1.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(INTERNAL_FIBRES).within(0.75 * CAPSULE),
+    row("muscle_limb",            0xa04038, "muscle",              [-4.0,   1.1,  0.0,  1.70],   [12.0,   0.49,  0.02,  0.9]).along(LIMB_FIBRES),
     row("fascia",                 0xe8dcc8, "fascia",              [11.0,   1.57, 0.0,  1.81],   [300.0,  0.48,  0.06,  3.0]).along(ACROSS_LAYERS),
     row("ligament",               0xd8ccb0, "fascia",              [8.0,    2.5,  0.0,  1.84],   [500.0,  0.48,  0.08,  4.0]).along(ACROSS_LAYERS),
     row("capsule",                0xf0e6d8, "",                    [10.0,   1.57, 0.0,  1.80],   [100.0,  0.49,  0.04,  1.5]),
@@ -137,6 +143,8 @@ static PRESETS: &[Tissue] = &[
     row("splenic_vein",           0x3c50a8, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(CAPSULE),
     row("portal_branch",          0x4c64cc, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(3.0 * CAPSULE),
     row("blood",                  0xb02848, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
+    row("artery",                 0xc83040, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
+    row("vein",                   0x3858b8, "blood",               [-56.0,  0.2,  0.0,  1.66],   [1.0,    0.495, 0.0,   0.0]).within(CAPSULE),
     row("vessel_wall",            0xc05060, "",                    [8.0,    1.57, 0.0,  1.70],   [300.0,  0.49,  0.03,  1.2]),
     row("bile",                   0x5c8c3c, "bile",                [-66.0,  0.05, 0.0,  1.54],   [0.5,    0.495, 0.0,   0.0]).within(2.0 * CAPSULE),
     row("gallbladder_wall",       0x7ca858, "",                    [8.0,    0.8,  0.0,  1.64],   [50.0,   0.49,  0.02,  1.0]),
@@ -150,6 +158,9 @@ static PRESETS: &[Tissue] = &[
     row("heart",                  0xa03038, "muscle",              [-4.0,   0.52, 0.0,  1.67],   [20.0,   0.49,  0.02,  1.0]).within(4.0 * CAPSULE).scaled(0.7).organ(),
     row("brain",                  0xd0a8a0, "kidney_medulla",      [-7.0,   0.6,  0.0,  1.60],   [2.0,    0.49,  0.006, 0.2]).scaled(2.0),
     row("nerve",                  0xe0d070, "muscle",              [2.0,    0.9,  0.0,  1.65],   [60.0,   0.49,  0.02,  1.0]).along(PARASPINAL_FIBRES).scaled(0.5),
+    row("epineurium",             0xf0e498, "soft_tissue",         [6.0,    1.2,  0.0,  1.68],   [60.0,   0.49,  0.02,  1.0]).scaled(0.5),
+    row("fascicle",               0xc8b450, "gel",                 [-6.0,   0.9,  0.0,  1.63],   [40.0,   0.49,  0.02,  1.0]),
+    row("lymph_node",             0x987898, "gel",                 [-10.0,  0.6,  0.0,  1.63],   [10.0,   0.49,  0.02,  0.9]).within(CAPSULE),
     row("csf",                    0x60a0d0, "",                    [-68.0,  0.01, 0.0,  1.51],   [0.5,    0.495, 0.0,   0.0]),
     row("cyst",                   0x50b0b0, "",                    [-68.0,  0.02, 0.0,  1.52],   [0.5,    0.495, 0.0,   0.0]),
     row("stomach_wall",           0xc87858, "bowel",               [-3.0,   0.8,  0.0,  1.63],   [20.0,   0.49,  0.02,  0.9]).scaled(0.5),

@@ -72,7 +72,8 @@ fn labels_are_numbered_from_one_and_named_once() {
             assert_eq!(usize::from(*value), i + 1);
             assert_eq!(table.iter().filter(|other| other.1 == *name).count(), 1);
         }
-        let volume = made(kind, 2.0, 0);
+        // Not every limb has muscle of both directions: that of this seed does.
+        let volume = made(kind, 2.0, 3);
         assert_eq!(volume.labels().len(), table.len() + 1);
         for label in volume.labels() {
             assert!(label.voxels > 0, "{kind:?}: no {:?}", label.name);
@@ -85,7 +86,7 @@ fn labels_are_numbered_from_one_and_named_once() {
 /// Ranges for adults, ml; organs that the box cuts have theirs from the part inside.
 #[test]
 fn organs_have_the_size_of_real_ones() {
-    let cases: [Case<(&str, f64, f64)>; 5] = [
+    let cases: [Case<(&str, f64, f64)>; 6] = [
         (
             Phantom::Abdomen,
             &[
@@ -121,6 +122,10 @@ fn organs_have_the_size_of_real_ones() {
                 ("ligament", 6.0, 40.0),
             ],
         ),
+        (
+            Phantom::Limb,
+            &[("artery", 0.1, 2.0), ("fat", 3.0, 25.0), ("bone", 0.5, 25.0)],
+        ),
         // Sphere and cylinder of radius 15 mm and length 20 mm (28.27 ml), and 25 mm of a cylinder of radius 6 mm (2.83
         // ml and a little where its end is hollow).
         (Phantom::TwoLayer, &[("phantom_inclusion", 31.0, 31.3)]),
@@ -140,7 +145,7 @@ fn organs_have_the_size_of_real_ones() {
 /// Compact parts only: thin shells, and slabs across the grid, are sampled by chance.
 #[test]
 fn two_resolutions_agree() {
-    let cases: [Case<&str>; 5] = [
+    let cases: [Case<&str>; 6] = [
         (
             Phantom::Abdomen,
             &[
@@ -170,6 +175,7 @@ fn two_resolutions_agree() {
         (Phantom::Spine, &["fat", "muscle", "bone", "csf", "vessel"]),
         (Phantom::TwoLayer, &["phantom_top", "phantom_inclusion"]),
         (Phantom::LiverVein, &["liver", "vessel"]),
+        (Phantom::Limb, &["fat", "muscle_limb", "bone"]),
     ];
     for (kind, names) in cases {
         let (coarse, fine) = (millilitres(&made(kind, 2.0, 0)), millilitres(fine(kind)));
@@ -280,7 +286,7 @@ fn view(kind: Phantom, radius: f64, half_deg: f64, depth: f64) -> BTreeMap<&'sta
 
 #[test]
 fn default_poses_show_what_they_promise() {
-    let cases: [(View, Case<(&str, f64)>); 4] = [
+    let cases: [(View, Case<(&str, f64)>); 5] = [
         (
             [60.0, 35.0, 150.0],
             (
@@ -315,6 +321,18 @@ fn default_poses_show_what_they_promise() {
             [2000.0, 0.545, 75.0],
             (Phantom::TwoLayer, &[("phantom_inclusion", 0.3), ("phantom_top", 0.3)]),
         ),
+        (
+            [2000.0, 0.544, 40.0],
+            (
+                Phantom::Limb,
+                &[
+                    ("artery", 0.005),
+                    ("vein", 0.005),
+                    ("epineurium", 0.003),
+                    ("fascicle", 0.001),
+                ],
+            ),
+        ),
     ];
     for ([radius, half_deg, depth], (kind, least)) in cases {
         let shares = view(kind, radius, half_deg, depth);
@@ -329,6 +347,26 @@ fn default_poses_show_what_they_promise() {
         assert!((turn.transpose() * turn - nalgebra::Matrix3::identity()).norm() < 1e-12);
         assert!((turn.determinant() - 1.0).abs() < 1e-12);
     }
+}
+
+#[test]
+fn limbs_differ_by_their_seeds_and_have_vessels_and_nerves_in_view() {
+    let kind = Phantom::Limb;
+    let area = |volume: &LabelVolume, names: &[&str]| {
+        let [nx, ny, nz] = volume.size();
+        let middle = &volume.voxels()[nx * ny * (nz / 2)..][..nx * ny];
+        let wanted: Vec<u8> = names.iter().map(|name| value(kind, name)).collect();
+        middle.iter().filter(|label| wanted.contains(label)).count()
+    };
+    let mut seen = std::collections::BTreeSet::new();
+    for seed in 0..100 {
+        let volume = made(kind, 0.8, seed);
+        let [artery, vein, nerve] =
+            [&["artery"][..], &["vein"], &["epineurium", "fascicle"]].map(|names| area(&volume, names));
+        assert!(artery > 3 && nerve > 0, "{seed}: {artery} {vein} {nerve}");
+        seen.insert([artery, vein, nerve, area(&volume, &["fat"]), area(&volume, &["bone"])]);
+    }
+    assert_eq!(seen.len(), 100);
 }
 
 #[test]
