@@ -430,7 +430,8 @@ registry! {
         derives thickness::Derived;
     speckle: Option<Speckle> = "Fully developed speckle.",
         derives speckle::Derived, columns speckle::Columns<T>;
-    interface: Option<Interface> = "Specular echoes where the acoustic impedance changes.";
+    interface: Option<Interface> = "Specular echoes where the acoustic impedance changes.",
+        derives interface::Derived;
     needle: Option<NeedleEcho> = "Echo of the needle; needs a needle in the scene.",
         columns needle::Columns;
     compound: Option<Compound> = "Spatial compounding: the mean of looks steered to either side.",

@@ -235,8 +235,8 @@ const NAMED: &[(&str, &[&str], &str)] = &[
     ),
     (
         "imaging/effects/interface.rs",
-        &["slice", "speckle"],
-        "reads labels as they are sliced; writes its echo where the speckle adds it",
+        &["slice", "speckle", "compound"],
+        "reads labels as they are sliced; writes its echo where the speckle adds it, that of each look by its direction",
     ),
     (
         "imaging/effects/needle.rs",

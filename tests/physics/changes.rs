@@ -332,6 +332,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "HazePattern",
                 "HazeWeights",
                 "LabelRows",
+                "LeftOfAverage",
                 "SpeckleOffsets",
                 "SubPlanes",
             ],
@@ -347,6 +348,7 @@ fn a_change_touches_only_what_depends_on_it() {
             &[
                 "AxialKernel",
                 "LateralKernel",
+                "LookDirections",
                 "LookPhasors",
                 "LookShifts",
                 "RefractionShifts",
@@ -354,6 +356,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "ApertureShifts",
                 "ApertureWeights",
                 "LabelRows",
+                "LeftOfAverage",
             ],
         ),
         (
@@ -384,7 +387,13 @@ fn a_change_touches_only_what_depends_on_it() {
         (
             "occlusion",
             |settings| settings.effects.shadow.as_mut().expect("shadow").occlusion = false,
-            &["PenumbraKernel", "ApertureShifts", "ApertureWeights", "LabelRows"],
+            &[
+                "PenumbraKernel",
+                "ApertureShifts",
+                "ApertureWeights",
+                "LabelRows",
+                "LeftOfAverage",
+            ],
         ),
         (
             "depth",
@@ -394,6 +403,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "Rays",
                 "AxialKernel",
                 "LateralKernel",
+                "LookDirections",
                 "LookPhasors",
                 "LookShifts",
                 "RefractionShifts",
@@ -407,6 +417,7 @@ fn a_change_touches_only_what_depends_on_it() {
                 "HazeWeights",
                 "Gain",
                 "LabelRows",
+                "LeftOfAverage",
                 "SpeckleOffsets",
                 "SubPlanes",
             ],

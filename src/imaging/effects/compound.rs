@@ -129,7 +129,7 @@ impl Steering {
 
     /// Per number of steps to the side, from 1 on: cosine and sine of the angle between a look and the scanline at the
     /// sample, a row over the samples.
-    fn directions(&self, grid: &BeamGrid) -> Vec<f64> {
+    pub(crate) fn directions(&self, grid: &BeamGrid) -> Vec<f64> {
         let fan = Fan::of(grid);
         let row = |steps: usize| {
             let fan = &fan;
@@ -202,9 +202,6 @@ pub struct Derived {
     /// Per number of steps to the side, from 0 on: scanlines from the element of a look to the sample, a row over the
     /// samples.
     pub shifts: Vec<i32>,
-    /// Per number of steps to the side, from 1 on: cosine and sine of the angle between a look and the scanline at the
-    /// sample, a row over the samples.
-    pub directions: Numbers,
 }
 
 /// Settings on which the looks depend.
@@ -223,17 +220,7 @@ pub(crate) fn derive(_: &Anatomy, (steering, grid): &Key) -> Result<Derived, Syn
     Ok(Derived {
         steered: steering.steered(),
         shifts: steering.shifts(grid),
-        directions: Numbers::new(steering.directions(grid)),
     })
-}
-
-/// Cosine and sine of the angle between a look and the scanline at a sample.
-#[inline(always)]
-pub(super) fn directions<T: Real>(tables: &Tables, look: usize, sample: usize) -> [T; 2] {
-    let row = look / 2 * tables.samples() + sample;
-    let directions = tables.effects.compound.directions.of::<T>();
-    let [cosine, sine] = [directions[2 * row], directions[2 * row + 1]];
-    [cosine, if steps(look) < 0 { -sine } else { sine }]
 }
 
 /// Whether the looks are shaded.
@@ -297,12 +284,6 @@ fn phasors(derived: &EffectTables) -> &[f32] {
 /// Data of [`Derived::shifts`] (`i32`).
 static LOOK_SHIFTS: Buffer = Buffer::new(264, "LookShifts", 4, |tables| tables.effects.compound.shifts.len())
     .derived(|_, derived| bytes_of(&derived.compound.shifts));
-
-/// Data of [`Derived::directions`] (`vec2<f32>`).
-pub(super) static LOOK_DIRECTIONS: Buffer = Buffer::new(152, "LookDirections", 8, |tables| {
-    tables.effects.compound.directions.of::<f32>().len() / 2
-})
-.derived(|_, derived| bytes_of(derived.compound.directions.of::<f32>()));
 
 /// Per scanline, look and sample: by how much the complex echo of surfaces exceeds that of the middle look
 /// (`vec2<f32>`).

@@ -26,22 +26,25 @@ mod physics;
 
 use glam::Vec4;
 
-use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS};
+use super::buffers::{AMPLITUDE, Buffer, LABEL, LABEL_ROWS, POSITION, SPECULAR, VOXELS, bytes_of};
 use super::common::{elevation, rows, scatterers};
-use super::compound::{LOOK_DIRECTIONS, LOOK_SPECULAR, MOST_STEERED, SPECULAR_BLOCK, directions, steered};
+use super::compound::{LOOK_SPECULAR, MOST_STEERED, SPECULAR_BLOCK, Steering, steered, steps};
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::slice::{Beyond, LabelReader};
 use super::{
     Effect, Parameters, Stage,
     Wanted::{self, No, Yes},
 };
+use crate::synth::SynthError;
 use crate::synth::store::Store;
-use crate::synth::tables::Tables;
+use crate::synth::tables::{Anatomy, Settings, Tables};
+use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
-use insonify_base::real::Real;
+use insonify_base::real::{Numbers, Real};
 use insonify_base::simd::{Kernel, map, vectorised};
+use insonify_tracking::probe::BeamGrid;
 
 /// Correlation length of the echo along a rough surface, mm: of the order at which bright lines break up in clinical
 /// frames (strands of median 4 mm and up to 36 mm between breaks).
@@ -76,9 +79,52 @@ pub(crate) const EFFECT: Effect = Effect {
         Some(_) => vec![&BEFORE_SPECKLE],
         None => vec![&ALONE],
     },
+    buffers: &[&LOOK_DIRECTIONS],
     remove: Some(|_, settings| settings.effects.interface = None),
     ..Effect::PLAIN
 };
+
+/// Directions of the steered looks; empty without them.
+#[derive(Clone, Debug, Default)]
+pub struct Derived {
+    /// Per number of steps to the side, from 1 on: cosine and sine of the angle between a look and the scanline at the
+    /// sample, a row over the samples.
+    directions: Numbers,
+}
+
+/// Settings on which the directions depend.
+pub(crate) type Key<'a> = Option<(Steering, &'a BeamGrid)>;
+
+/// Takes the looks and the grid.
+pub(crate) fn key<'a>(_: &TissueTable, settings: &Settings, grid: &'a BeamGrid) -> Key<'a> {
+    settings.effects.interface.as_ref()?;
+    Some((Steering::of(settings, grid)?, grid))
+}
+
+/// Follows the looks.
+pub(crate) fn derive(_: &Anatomy, key: &Key) -> Result<Derived, SynthError> {
+    let directions = key
+        .as_ref()
+        .map_or(Vec::new(), |(steering, grid)| steering.directions(grid));
+    Ok(Derived {
+        directions: Numbers::new(directions),
+    })
+}
+
+/// Cosine and sine of the angle between a look and the scanline at a sample.
+#[inline(always)]
+fn direction<T: Real>(tables: &Tables, look: usize, sample: usize) -> [T; 2] {
+    let row = look / 2 * tables.samples() + sample;
+    let directions = tables.effects.interface.directions.of::<T>();
+    let [cosine, sine] = [directions[2 * row], directions[2 * row + 1]];
+    [cosine, if steps(look) < 0 { -sine } else { sine }]
+}
+
+/// Data of [`Derived::directions`] (`vec2<f32>`).
+static LOOK_DIRECTIONS: Buffer = Buffer::new(152, "LookDirections", 8, |tables| {
+    tables.effects.interface.directions.of::<f32>().len() / 2
+})
+.derived(|_, derived| bytes_of(derived.interface.directions.of::<f32>()));
 
 const ALONE: Pass = interface_pass(
     "main",
@@ -306,7 +352,7 @@ impl<T: Real> Kernel for Step<'_, T> {
         let middle = self.surfaces.echo(&surface, [T::one(), T::zero()]);
         let mut more = [[T::zero(); 2]; MOST_STEERED];
         for (look, more) in more.iter_mut().enumerate().take(steered(self.tables)) {
-            let echo = self.surfaces.echo(&surface, directions(self.tables, look, self.below));
+            let echo = self.surfaces.echo(&surface, direction(self.tables, look, self.below));
             *more = [echo[0] - middle[0], echo[1] - middle[1]];
         }
         Some((middle, more))

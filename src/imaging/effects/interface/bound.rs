@@ -1,8 +1,8 @@
 //! Error bounds of interfaces: normals from labels around positions known to within rounding, and the roughness there.
 
 use crate::effects::common::elevation;
-use crate::effects::compound::{directions, steered};
-use crate::effects::interface::{ROUGHNESS_MM, Surfaces};
+use crate::effects::compound::steered;
+use crate::effects::interface::{ROUGHNESS_MM, Surfaces, direction};
 use crate::effects::slice::WITHIN;
 
 use crate::effects::speckle::bound::{INTERPOLATION, LOUDEST, SLOPE};
@@ -42,10 +42,10 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
             let offs = pair.map(|sample_index| slack.position[sample_index]);
             let size = 0.5 * mirror * surfaces.coefficient(labels[1]);
             // Bound and size of the echo in a direction.
-            let echo = |direction: [f64; 2]| {
+            let echo = |towards: [f64; 2]| {
                 let [exact, twin] = labels.map(|labels| {
                     let surface = surfaces.surface(labels, places);
-                    surface.map_or([0.0; 2], |surface| surfaces.echo(&surface, direction))
+                    surface.map_or([0.0; 2], |surface| surfaces.echo(&surface, towards))
                 });
                 let rounding = match (labels[1][0] != labels[1][1], torn) {
                     (false, _) => 0.0,
@@ -54,7 +54,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                     (true, true) => 2.0 * size * loudest,
                     (true, false) => {
                         let power = interface.directivity;
-                        rounding(step, &surfaces, power, labels[1], places, offs, direction) * size
+                        rounding(step, &surfaces, power, labels[1], places, offs, towards) * size
                     }
                 };
                 let off = (exact[0] - twin[0]).hypot(exact[1] - twin[1]) + rounding;
@@ -68,7 +68,7 @@ pub(crate) fn carry(step: &Step, slack: &mut Slack) {
                 continue;
             }
             // Of all looks, as a difference from the middle one.
-            let most = (0..steered).map(|look| echo(directions(tables, look, below)));
+            let most = (0..steered).map(|look| echo(direction(tables, look, below)));
             let most = most.fold([0.0f64; 2], |a, b| [a[0].max(b[0]), a[1].max(b[1])]);
             for index in pair.into_iter().filter(|_| steered > 0) {
                 slack.look_specular[index][0] += most[0] + off + 6.0 * ULP * (most[1] + size);
