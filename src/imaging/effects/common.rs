@@ -11,7 +11,7 @@ pub fn rows<T: Real>(matrix: &nalgebra::Matrix4<f64>) -> [[T; 4]; 3] {
 }
 
 /// Out-of-plane direction in the world.
-pub fn elevation<T: Real>(state: &FrameState) -> [T; 3] {
+pub(crate) fn elevation<T: Real>(state: &FrameState) -> [T; 3] {
     [0, 1, 2].map(|axis| T::of(state.probe_to_world[(axis, 2)]))
 }
 

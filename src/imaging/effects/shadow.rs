@@ -52,7 +52,7 @@ use insonify_base::simd::Kernel;
 use insonify_tracking::probe::{BeamGrid, Transducer};
 
 pub mod aperture;
-pub mod b_lines;
+pub(crate) mod b_lines;
 pub mod downshift;
 pub mod mirror;
 pub mod penumbra;

@@ -42,17 +42,17 @@ pub(crate) fn ring(tables: &Tables) -> bool {
 /// Numbers of B-lines.
 pub(crate) struct BLines<T> {
     /// Of the lattice.
-    pub seed: [u32; 2],
+    pub(crate) seed: [u32; 2],
     /// Points of the lattice per mm.
-    pub per_mm: T,
+    pub(crate) per_mm: T,
     /// Those of the ripple per sample.
-    pub per_sample: T,
+    pub(crate) per_sample: T,
     /// `|n|^2` from which stripes rise.
-    pub threshold: T,
+    pub(crate) threshold: T,
     /// Strength per `|n|^2` above it.
-    pub steepness: T,
+    pub(crate) steepness: T,
     /// Amplitude relative to liver.
-    pub ring: T,
+    pub(crate) ring: T,
 }
 
 impl<T: Real> BLines<T> {

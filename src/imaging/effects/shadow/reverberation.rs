@@ -54,11 +54,11 @@ fn top(labels: &[u8], is_opaque: &[bool; 256]) -> u32 {
 }
 
 /// First opaque samples of the scanlines, as a surface.
-pub struct Surface<'a> {
+pub(crate) struct Surface<'a> {
     /// First opaque sample of each scanline, or the number of samples.
-    pub tops: &'a [u32],
+    pub(crate) tops: &'a [u32],
     /// Samples along a scanline.
-    pub samples: usize,
+    pub(crate) samples: usize,
     /// Scanlines to either side that are read of a stretch, and distance between them in scanlines.
     side: [usize; 2],
     /// Samples by which they may be deeper or shallower.
@@ -67,7 +67,7 @@ pub struct Surface<'a> {
 
 impl<'a> Surface<'a> {
     /// That of a scene.
-    pub fn new(tables: &Tables, tops: &'a [u32]) -> Self {
+    pub(crate) fn new(tables: &Tables, tops: &'a [u32]) -> Self {
         Self {
             tops,
             samples: tables.samples(),
@@ -110,7 +110,7 @@ impl<'a> Surface<'a> {
 
     /// Tangent of the tilt, positive where the surface lies deeper on later scanlines; 0 where no neighbour continues it.
     #[inline(always)]
-    pub fn slope<T: Real>(&self, line: usize, spacing: [T; 2]) -> T {
+    pub(crate) fn slope<T: Real>(&self, line: usize, spacing: [T; 2]) -> T {
         let side = self.side[0] * self.side[1];
         let first = line.saturating_sub(side);
         let last = (line + side).min(self.tops.len() - 1);
