@@ -59,14 +59,22 @@ fn rotate_specular(@builtin(global_invocation_id) id: vec3<u32>) {
     }
 }
 
+// Scanlines on either side of a fine one.
+fn lines_beside(row: u32) -> vec2<u32> {
+    let line = row % fine_lines() / params.oversampling;
+    return vec2<u32>(line, min(line + 1u, params.lines - 1u));
+}
+
+// Echo on a fine scanline between those on either side.
+fn between(row: u32, sample: u32, a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
+    let part = f32(row % fine_lines() % params.oversampling) / f32(params.oversampling);
+    return axial_kernel[params.specular_at + sample] * (a + part * (b - a));
+}
+
 // Echo of surfaces and needles at a sample of a fine scanline.
 fn specular_of(row: u32, sample: u32) -> vec2<f32> {
-    let fine = row % fine_lines();
-    let line = fine / params.oversampling;
-    let part = f32(fine % params.oversampling) / f32(params.oversampling);
-    let a = specular[line * params.samples + sample];
-    let b = specular[min(line + 1u, params.lines - 1u) * params.samples + sample];
-    return axial_kernel[params.specular_at + sample] * (a + part * (b - a));
+    let at = lines_beside(row) * params.samples + sample;
+    return between(row, sample, specular[at.x], specular[at.y]);
 }
 
 @compute @workgroup_size(64)
@@ -74,13 +82,8 @@ fn rotate_surfaces(@builtin(global_invocation_id) id: vec3<u32>) {
     if id.x >= params.samples {
         return;
     }
-    let fine = id.y % fine_lines();
-    let look = id.y / fine_lines();
-    let line = fine / params.oversampling;
-    let part = f32(fine % params.oversampling) / f32(params.oversampling);
-    let a = look_specular[(line * params.steered + look) * params.samples + id.x];
-    let b = look_specular[(min(line + 1u, params.lines - 1u) * params.steered + look) * params.samples + id.x];
-    let more = axial_kernel[params.specular_at + id.x] * (a + part * (b - a));
+    let at = (lines_beside(id.y) * params.steered + id.y / fine_lines()) * params.samples + id.x;
+    let more = between(id.y, id.x, look_specular[at.x], look_specular[at.y]);
     looks[id.y * params.samples + id.x] = rotated(id.y, id.x) + specular_of(id.y, id.x) + more;
 }
 

@@ -1,7 +1,6 @@
 // Loss down each scanline: one workgroup a scanline, a parallel prefix sum in saturating fixed point; down each ray of the aperture
 // likewise, and the means over the rays. Then the mean over the beam of what that lets through. Twin of src/imaging/effects/shadow.rs,
-// src/imaging/effects/shadow/aperture.rs, penumbra.rs, mirror.rs,
-// reverberation.rs and b_lines.rs.
+// src/imaging/effects/shadow/aperture.rs, penumbra.rs, mirror.rs, reverberation.rs and b_lines.rs.
 #import label_row
 #import prefix_sum
 #import scatterer

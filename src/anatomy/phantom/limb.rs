@@ -152,21 +152,23 @@ struct Draws {
 }
 
 impl Draws {
+    /// A number from 0 to 1, evenly.
     fn share(self, item: i32, which: i32) -> f64 {
         choice(self.seed, self.stream, [item, which])
     }
 
-    /// As `within`, mostly near the lower end.
+    /// A number in a range, mostly near its lower end.
     fn low(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
         low + (high - low) * self.share(item, which).powi(2)
     }
 
+    /// A number in a range, evenly.
     fn within(self, [low, high]: [f64; 2], item: i32, which: i32) -> f64 {
         low + (high - low) * self.share(item, which)
     }
 }
 
-/// What runs along the limb with an elliptical section: a vessel, a nerve, a fascicle.
+/// A vessel, nerve or fascicle: an elliptical cylinder along the limb.
 #[derive(Clone, Copy)]
 struct Strand {
     /// Centre of the section at z = 0 (x, y), mm.
@@ -225,7 +227,7 @@ impl Shape for Strand {
     }
 }
 
-/// Imaged across.
+/// Declaration of the phantom, which the probe images across.
 pub(super) const PHANTOM: Facts = Facts {
     voxel_mm: 0.3,
     make,

@@ -18,7 +18,7 @@
 //!
 //! No theory gives the usual numbers: with them the dark of frames is as grey as that of real ones, the lumens of
 //! vessels under a linear probe 17 to 18 of 255 (real frames: 11 to 37), the middle of a full bladder black, shadows of
-//! bone dark grey, and lung as grey as the wall under its surface, less by 4.3 dB every 30 mm.
+//! bone dark grey, and lung as grey as the wall under its surface, less by 4.3 dB every 45 mm.
 //!
 //! ```toml
 //! effects.haze = { level_db = -12.0 }
@@ -65,7 +65,7 @@ parameters! {
         /// Power behind a perfect reflector relative to the mean around at its surface, dB.
         behind_db: f64 = -6.0, in -200..=0;
         /// Distance behind bone and gas over which that falls to 1/e, mm.
-        behind_mm: f64 = 30.0, in 0.1..=500;
+        behind_mm: f64 = 45.0, in 0.1..=500;
     }
 }
 

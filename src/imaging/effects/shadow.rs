@@ -9,8 +9,7 @@
 //! losses a point is shaded from part of the aperture, so that edges of shadows widen with depth (`aperture`); they are
 //! at least as soft as the beam is wide (`penumbra`), and a needle thinner than the beam shades its fraction of it. In
 //! the shadow lie mirror images (`mirror`) and repeats (`reverberation`) of what is above it, and B-lines (`b_lines`).
-//! Shadows of bone, air and
-//! the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
+//! Shadows of bone, air and the needle shaft by casting rays: Zhu et al. 2007, section 2.4.
 //!
 //! ```toml
 //! effects.shadow = {}
@@ -198,8 +197,8 @@ pub(super) fn runs(tables: &Tables) -> bool {
     })
 }
 
-/// Whether something opaque has to be found: something is repeated or mirrored in it, or what lies behind is no tissue to
-/// the automatic gain.
+/// Whether the first opaque sample of each scanline is needed: for repeats, mirror images and B-lines, and for automatic
+/// gain, which measures what lies above.
 pub(super) fn finds_reflectors(tables: &Tables) -> bool {
     let gained = AutoGain::of(tables).is_some() && reverberation::occludes(tables);
     let shown = mirror::mirrors(tables) || reverberation::repeats(tables) || b_lines::ring(tables);
@@ -607,13 +606,13 @@ block! {
         to_next: u32,
         /// Number of rays on either side of the middle one of all.
         outermost: u32,
-        /// Scanlines to either side that are read of a stretch of a reflector.
+        /// Scanlines read to either side of one for the depth and tilt of its reflector.
         neighbours: u32,
         /// Seed of the lattice of B-lines.
         seed: [u32; 2],
         /// Points of that lattice per mm.
         per_mm: f32,
-        /// Those of the ripple of B-lines per sample.
+        /// Points of the lattice of their ripple per sample.
         per_sample: f32,
         /// Power on the lattice from which B-lines rise.
         threshold: f32,
@@ -621,9 +620,9 @@ block! {
         steepness: f32,
         /// Amplitude of B-lines.
         ring: f32,
-        /// Samples by which a stretch of a reflector may rise or fall.
+        /// Difference of depth up to which neighbours are of the same reflector, samples.
         rise: u32,
-        /// What a repeat by bone is spread by per sample of its depth.
+        /// Spread of repeats by bone: growth of the divisor of their amplitude per sample of depth.
         spread_per_sample: f32,
         /// Distance between those scanlines.
         apart: u32,

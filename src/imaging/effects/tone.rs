@@ -246,7 +246,7 @@ const GAINS: Pass = gains_pass(
     const { &[(&GAIN, Read), (&AMPLITUDE, Read), (&AUTO_GAIN, Write)] },
 );
 
-/// Of the tissue above bone, gas and lung.
+/// Gains of the bands, measured above bone, gas and lung.
 const GAINS_ABOVE: Pass = gains_pass(
     "auto_gain_above",
     const {

@@ -41,11 +41,11 @@ pub(crate) fn ring(tables: &Tables) -> bool {
 
 /// Numbers of B-lines.
 pub(crate) struct BLines<T> {
-    /// Of the lattice.
+    /// Seed of the lattice.
     pub(crate) seed: [u32; 2],
     /// Points of the lattice per mm.
     pub(crate) per_mm: T,
-    /// Those of the ripple per sample.
+    /// Points of the lattice of the ripple per sample.
     pub(crate) per_sample: T,
     /// `|n|^2` from which stripes rise.
     pub(crate) threshold: T,

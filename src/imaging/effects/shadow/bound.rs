@@ -341,7 +341,7 @@ struct Stripe {
     top: usize,
     /// Strength, with its error bound.
     strength: [f64; 2],
-    /// What tissue leaves down to the surface, with its error bound.
+    /// Two-way transmittance down to the surface, with its error bound.
     passed: [f64; 2],
     /// Place on the lattice, and how far rounding moves it.
     place: [f64; 3],

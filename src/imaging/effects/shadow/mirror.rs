@@ -2,9 +2,9 @@
 //! appear beyond the surface.
 //!
 //! The beam of a scanline is reflected at the first gas or lung by the law of reflection, within the scan plane and at
-//! the tilt estimated by [`reverberation`](super::reverberation). A sample beyond the surface receives the echo at the same path length along
-//! the reflected beam, multiplied by [`Shadow::mirror`](super::Shadow::mirror) and by the attenuation of the extra
-//! path, at the mean rate down to the surface. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
+//! the tilt estimated by [`reverberation`](super::reverberation). A sample beyond the surface receives the echo at the
+//! same path length along the reflected beam, multiplied by [`Shadow::mirror`](super::Shadow::mirror) and by the
+//! attenuation of the extra path, at the mean rate down to the surface. The artefact: M. K. Feldman et al., RadioGraphics 29 (2009) 1179.
 
 use super::reverberation::Surface;
 use super::{exponent_per_unit, penumbra};

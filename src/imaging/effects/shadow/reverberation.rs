@@ -32,7 +32,7 @@ const MAX_READ: usize = 8;
 /// Radius of curvature of bone in the plane and across it, mm: of ribs and laminae. By eye.
 pub(crate) const BONE_RADIUS_MM: f64 = 10.0;
 
-/// Whether the volume contains an opaque tissue.
+/// Presence of an opaque tissue in the volume.
 pub(crate) fn occludes(tables: &Tables) -> bool {
     let opaque = penumbra::opaque_units(tables.sample_mm());
     let mut rows = tables.label_rows.iter().enumerate();
@@ -66,7 +66,7 @@ pub(crate) struct Surface<'a> {
 }
 
 impl<'a> Surface<'a> {
-    /// That of a scene.
+    /// The surface of a scene.
     pub(crate) fn new(tables: &Tables, tops: &'a [u32]) -> Self {
         Self {
             tops,
@@ -192,7 +192,7 @@ pub(crate) fn returned(tables: &Tables, labels: [u8; 2], top: usize) -> f64 {
     share(tables) * above.reflection(below) / (1.0 + spread)
 }
 
-/// What a repeat by bone is spread by per sample of its depth.
+/// Spread of repeats by bone: growth of the divisor of their amplitude per sample of depth.
 pub(crate) fn spreading(tables: &Tables) -> f64 {
     2.0 * tables.sample_mm() / BONE_RADIUS_MM
 }

@@ -11,7 +11,7 @@
 //! function of the amplitude with a slope of at most 2.5, and the divisor is never near 0: a small error of the echoes
 //! causes a small one of the gain, which a percentile of a histogram does not guarantee.
 //!
-//! From the first bone, gas or lung of a scanline on there is no tissue to measure, however bright repeats and haze are.
+//! Only samples above the first bone, gas or lung of a scanline are measured: below are repeats and haze, not tissue.
 //!
 //! Noise is never amplified above `NOISE_GREY`.
 
@@ -222,8 +222,7 @@ mod tests {
         assert!(octaves.iter().all(|x| (x + 1.5).abs() < 0.1), "{octaves:?}");
     }
 
-    /// Of tissue at four times the usual level above dim repeats, the gain is that of tissue where it reaches, and
-    /// none where it does not.
+    /// Tissue at four times the usual level above dim repeats: bands of tissue are lowered, those below it unchanged.
     #[test]
     fn nothing_behind_an_opaque_surface_is_measured() {
         let amplitude: Vec<f64> = (0..8 * 160).map(|at| if at % 160 < 80 { 4.0 } else { 0.4 }).collect();

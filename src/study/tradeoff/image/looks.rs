@@ -43,7 +43,7 @@ struct Row {
     looks: String,
     smoothing: &'static str,
     picture: Picture,
-    error_db: Option<f64>,
+    error_db: f64,
     evenness: f64,
 }
 
@@ -55,7 +55,7 @@ const CHOICES: [Choice<Row>; 2] = [
 const COLUMNS: [Column<Row>; 4] = [
     MEDIAN.of(|row: &Row| Some(row.picture.time?.median_ms)),
     P95.of(|row: &Row| Some(row.picture.time?.p95_ms)),
-    Axis::log("error_db", "RMS dB", "root mean square error of mean amplitudes, dB").of(|row| row.error_db),
+    Axis::log("error_db", "RMS dB", "root mean square error of mean amplitudes, dB").of(|row| Some(row.error_db)),
     Axis::linear(
         "evenness",
         "SNR",
@@ -232,17 +232,17 @@ fn cells(field: &[f64], samples: usize) -> Vec<f64> {
 pub(super) fn looks(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<Table>, Error> {
     let state = FrameState::at(Matrix4::identity());
     let whole = whole_looks(options)?;
+    let least = LEAST * mean(&whole);
     let mut rows = Vec::new();
     for looks in LOOKS {
         for (smoothing, smooths) in [("none", false), ("speckle reduction", true)] {
             let settings = settings(options, looks, smooths);
             let samples = settings.probe.samples as usize;
             let amplitudes = sums(body(), &settings, &state, 0)?;
-            let tissue = mean(&whole);
             let pairs = cells(&amplitudes, samples).into_iter().zip(cells(&whole, samples));
             let errors: Vec<f64> = pairs
                 .map(|(measured, expected)| {
-                    let [measured, expected] = [measured, expected].map(|amplitude| amplitude.max(LEAST * tissue));
+                    let [measured, expected] = [measured, expected].map(|amplitude| amplitude.max(least));
                     (20.0 * (measured / expected).log10()).powi(2)
                 })
                 .collect();
@@ -258,7 +258,7 @@ pub(super) fn looks(options: &ImageOptions, _: &mut Vec<String>) -> Result<Vec<T
                 looks: looks.to_string(),
                 smoothing,
                 picture: picture(&mut synth, &state, options.patience)?,
-                error_db: Some(mean(&errors).sqrt()),
+                error_db: mean(&errors).sqrt(),
                 evenness: mean(&middle) / std(&middle),
             });
         }
