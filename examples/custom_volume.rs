@@ -56,6 +56,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let tissues = TissueTable {
         tissues: vec![preset("background")?, gland, preset("cyst")?, preset("bone")?],
         of_label: vec![0, 1, 2, 3],
+        ..TissueTable::default()
     };
 
     // The texture: bright septa between lobules, periodic along all axes.

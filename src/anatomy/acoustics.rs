@@ -4,12 +4,14 @@
 //! [`bank`] generates the solid textures that tissues name.
 
 use std::borrow::Cow;
+use std::collections::BTreeMap;
 
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 pub mod bank;
 pub(crate) mod numbering;
+mod orientation;
 pub(crate) mod overrides;
 pub mod presets;
 mod resolve;
@@ -51,8 +53,9 @@ pub struct Tissue {
     pub texture_scale: f64,
     /// Direction in the world (LPS, any non-zero length) along which the texture's first axis lies: along the fibres of
     /// muscle, across the layers of fat, fascia and skin. The second axis, which the lamellae of muscle face, is then
-    /// as close to antero-posterior as possible, apart from a small roll. Without a direction the texture has a fixed
-    /// oblique orientation, so that its period does not show in planes along the world's axes.
+    /// as close as possible to the way inwards from the skin under the probe ([`TissueTable::inwards`]; antero-posterior
+    /// without), apart from a small roll. Without a direction the texture has a fixed oblique orientation, so that its
+    /// period does not show in planes along the world's axes.
     #[serde(default)]
     pub texture_direction: Option<[f64; 3]>,
     /// Mean echo amplitude, dB relative to normal liver parenchyma (-100 to 60).
@@ -94,28 +97,6 @@ impl Tissue {
     pub fn is_occluder(&self) -> bool {
         self.occlusion_per_mm >= OCCLUDER_PER_MM
     }
-
-    /// Rows of the rotation from world directions to the texture's axes: right-handed, determinant 1.
-    ///
-    /// The roll about `texture_direction` is a fixed oblique angle, for the same reason as the orientation without one.
-    pub fn texture_rotation(&self) -> [[f64; 3]; 3] {
-        use nalgebra::{Unit, UnitQuaternion, Vector3};
-        /// Roll angle, radians; no small multiple of it is close to a quarter turn.
-        const ROLL: f64 = 0.27;
-        /// A direction no small multiple of which meets the lattice of a texture's periods.
-        const OBLIQUE: [f64; 3] = [0.730, 0.338, 0.594];
-        let first = Vector3::from(self.texture_direction.unwrap_or(OBLIQUE));
-        let first = Unit::try_new(first, f64::MIN_POSITIVE).unwrap_or(Vector3::x_axis());
-        let helper = if first.y.abs() < 0.9 {
-            Vector3::y()
-        } else {
-            Vector3::x()
-        };
-        let second = Unit::new_normalize(helper - first.into_inner() * first.dot(&helper));
-        let second = UnitQuaternion::from_axis_angle(&first, ROLL) * second.into_inner();
-        let third = first.cross(&second);
-        [first.into_inner(), second, third].map(|axis| [axis.x, axis.y, axis.z])
-    }
 }
 
 /// Acoustic and mechanical properties of the tissues of a scene, and for each label index (0 to 255, background 0) the
@@ -128,18 +109,24 @@ impl Tissue {
 /// let table = TissueTable {
 ///     tissues: vec![tissue("background")?, tissue("liver")?, tissue("bone")?],
 ///     of_label: vec![0, 2, 1, 2],
+///     ..TissueTable::default()
 /// };
 /// assert_eq!((&*table.tissue(2).name, &*table.tissue(3).name), ("liver", "bone"));
 /// assert_eq!(table.tissue(200).name, "background");
 /// assert!(table.textures().len() <= table.tissues.len());
 /// # Ok::<(), &str>(())
 /// ```
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct TissueTable {
     /// Tissues; the first is that of label index 0, the background.
     pub tissues: Vec<Tissue>,
     /// Index into `tissues` for each label index of the volume.
     pub of_label: Vec<u8>,
+    /// World direction across the layers of the body under the probe, from the skin inwards; that of the front and back
+    /// of the trunk if `None`.
+    pub inwards: Option<[f64; 3]>,
+    /// World directions of label indices whose textures run along them, whatever the direction of their tissues.
+    pub along: BTreeMap<u8, [f64; 3]>,
 }
 
 impl TissueTable {
@@ -215,35 +202,5 @@ impl TissueTable {
             }
         }
         names
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use nalgebra::{Matrix3, Vector3};
-
-    #[test]
-    fn texture_rotation_is_proper_and_puts_the_first_axis_along_the_direction() {
-        let base = presets::get("muscle").unwrap();
-        for direction in [
-            None,
-            Some([1.0, 0.0, 0.0]),
-            Some([0.0, -3.0, 0.1]),
-            Some([0.95, 0.1, 0.0]),
-        ] {
-            let tissue = Tissue {
-                texture_direction: direction,
-                ..base.clone()
-            };
-            let [a, b, c] = tissue.texture_rotation();
-            let rotation = Matrix3::from_columns(&[a.into(), b.into(), c.into()]).transpose();
-            assert!((rotation.determinant() - 1.0).abs() < 1e-12);
-            assert!((rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-12);
-            if let Some(direction) = direction {
-                let along = rotation * Vector3::from(direction).normalize();
-                assert!((along - Vector3::x()).norm() < 1e-12);
-            }
-        }
     }
 }

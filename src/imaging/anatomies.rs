@@ -156,6 +156,7 @@ pub fn anatomy_from(frame: Frame, tissues: &[Acoustics], label: impl Fn([f64; 3]
                 .map(|(index, &acoustics)| tissue(index, acoustics))
                 .collect(),
             of_label: (0..tissues.len() as u8).collect(),
+            ..TissueTable::default()
         }),
         textures: BTreeMap::new(),
         mesh: None,

@@ -126,12 +126,14 @@ pub enum Scanner {
     /// Nothing: frames of one look.
     #[default]
     Raw,
-    /// What those in clinics do: spatial compounding and speckle reduction.
+    /// A filter of the received pulse and light speckle reduction.
+    Filtered,
+    /// Spatial compounding and speckle reduction.
     Clinical,
 }
 
 impl Scanner {
-    const ALL: &[Self] = &[Self::Raw, Self::Clinical];
+    const ALL: &[Self] = &[Self::Raw, Self::Filtered, Self::Clinical];
 }
 
 /// Parameters of an effect that a scene may do without.
@@ -139,10 +141,19 @@ pub trait Parameters: Default + Ranges {
     /// Scanners that have it among their usual effects.
     const USUAL: &[Scanner] = Scanner::ALL;
 
+    /// Fills what is left open and depends on the scanner.
+    fn fill(&mut self, _: Scanner) {}
+
     /// Checks what the ranges of single numbers do not say.
     fn check_others(&self) -> Result<(), OutOfRange> {
         Ok(())
     }
+}
+
+/// Parameters with a scanner.
+fn filled<P: Parameters>(mut parameters: P, scanner: Scanner) -> P {
+    parameters.fill(scanner);
+    parameters
 }
 
 /// A key of [`Effects`].
@@ -194,7 +205,7 @@ impl<P: Parameters + Clone> Setting for Option<P> {
     }
 
     fn usual(scanner: Scanner) -> Self {
-        P::USUAL.contains(&scanner).then(P::default)
+        P::USUAL.contains(&scanner).then(|| filled(P::default(), scanner))
     }
 
     fn all() -> Self {
@@ -325,8 +336,8 @@ macro_rules! registry {
             }
 
             /// Returns the usual effects of a scanner with their default parameters: all but additive noise, which
-            /// duplicates what speckle does physically, and blur; of a raw one neither compounding nor speckle
-            /// reduction.
+            /// duplicates what speckle does physically, and blur; compounding of a clinical one only, and of a raw
+            /// one no speckle reduction either.
             pub fn of(scanner: Scanner) -> Self {
                 Self {
                     $($name: Setting::usual(scanner),)+

@@ -210,7 +210,7 @@ impl Plan {
         };
         PlanReport {
             passes: self.passes.iter().map(named).collect(),
-            clinical: origins
+            scanner: origins
                 .iter()
                 .filter(|(_, origin)| **origin == Origin::Scanner)
                 .map(|(effect, _)| *effect)
@@ -248,7 +248,7 @@ pub struct PlanReport {
     /// Passes in order of execution.
     pub passes: Vec<NamedPass>,
     /// Effects that the scanner adds to the usual ones.
-    pub clinical: Vec<&'static str>,
+    pub scanner: Vec<&'static str>,
     /// Passes that a GPU runs together, dispatch by dispatch.
     pub dispatches: Vec<Vec<&'static str>>,
     /// Effects that the scene does not use.
@@ -270,9 +270,9 @@ impl fmt::Display for PlanReport {
         for pass in &self.passes {
             writeln!(f, "  {:<21} {}: {}", pass.name, pass.origin, pass.reason)?;
         }
-        if !self.clinical.is_empty() {
-            writeln!(f, "Clinical processing, which `scanner = \"raw\"` leaves out")?;
-            writeln!(f, "  {}", self.clinical.join(", "))?;
+        if !self.scanner.is_empty() {
+            writeln!(f, "Processing by the scanner, which `scanner = \"raw\"` leaves out")?;
+            writeln!(f, "  {}", self.scanner.join(", "))?;
         }
         writeln!(f, "Dispatches on a GPU: passes that it runs together, in order")?;
         for (number, passes) in (1..).zip(&self.dispatches) {

@@ -178,12 +178,33 @@ fn the_scanner_decides_on_compounding_and_speckle_reduction() {
     ] {
         assert_eq!(has("version = 2", clinical), [true; 2], "{clinical}");
     }
-    let linear = "[probe]\nkind = \"linear\"";
-    for raw in ["scanner = \"raw\"", linear, "effects.only = [\"tone\"]"] {
+    let [linear, phased] = ["linear", "phased"].map(|kind| format!("[probe]\nkind = \"{kind}\""));
+    for raw in ["scanner = \"raw\"", &phased, "effects.only = [\"tone\"]"] {
         assert_eq!(has("version = 2", raw), [false; 2], "{raw}");
     }
     assert_eq!(has("version = 1", ""), [false; 2]);
-    assert_eq!(has("version = 2\nscanner = \"clinical\"", linear), [true; 2]);
+    assert_eq!(has("version = 1", &linear), [false; 2]);
+    assert_eq!(has("version = 2\nscanner = \"clinical\"", &linear), [true; 2]);
+    assert_eq!(has("version = 2", &linear), [false, true]);
+    assert_eq!(has("scanner = \"filtered\"", ""), [false, true]);
+    // What depends on the scanner fills what a table leaves open.
+    let strengths = |first: &str, more: &str| {
+        let effects = scene(first, more).settings.effects;
+        let bandwidth = effects.speckle.expect("speckle").receive_bandwidth;
+        (
+            bandwidth,
+            effects.speckle_reduction.map(|reduction| reduction.strength()),
+        )
+    };
+    let with = |more: &str| format!("{linear}\n{more}");
+    assert_eq!(strengths("version = 2", &linear), (Some(0.25), Some(0.25)));
+    let stated = "[effects]\nspeckle.lateral_mm = 1.0\nspeckle_reduction.window_cells = 4.0";
+    assert_eq!(strengths("version = 2", &with(stated)), (Some(0.25), Some(0.25)));
+    let stated = "[effects]\nspeckle.receive_bandwidth = 0.5\nspeckle_reduction.strength = 0.5";
+    assert_eq!(strengths("version = 2", &with(stated)), (Some(0.5), Some(0.5)));
+    assert_eq!(strengths("version = 2", ""), (None, Some(0.75)));
+    let listed = "effects.only = [\"speckle\", \"speckle_reduction\"]";
+    assert_eq!(strengths("scanner = \"filtered\"", listed), (None, Some(0.75)));
     // Each number by itself.
     assert_eq!(has("scanner = \"raw\"", "effects.compound = true"), [true, false]);
     assert_eq!(has("", "effects.compound = false"), [false, true]);
@@ -196,7 +217,7 @@ fn the_scanner_decides_on_compounding_and_speckle_reduction() {
 
     let plain = scene("", "");
     let report = plan(&plain).report(&plain.origins);
-    assert_eq!(report.clinical, ["compound", "speckle_reduction"]);
+    assert_eq!(report.scanner, ["compound", "speckle_reduction"]);
     assert!(report.to_string().contains("`scanner = \"raw\"`"));
     // The file that a scene writes is the same scene.
     let again = plain.file.clone().resolve(".".as_ref()).expect("the file as filled in");

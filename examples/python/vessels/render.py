@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+SCANNERS = ["raw", "filtered", "clinical"]
 MASKS = {"epineurium": 1, "fascicle": 1, "artery": 2, "vein": 2}
 
 # What differs from frame to frame, by key: scanner, probe, and the look of tissues in another body.
@@ -73,7 +74,7 @@ def scene(phantom, scanner, varied, pixels):
 
 
 def render(options, phantom):
-    scanner = options.scanner if options.scanner != "both" else ("raw", "clinical")[phantom % 2]
+    scanner = SCANNERS[phantom % len(SCANNERS)] if options.scanner == "all" else options.scanner
     path = options.output / "scenes" / f"{phantom:05}.toml"
     path.write_text(scene(phantom, scanner, not options.fixed, options.pixels))
     array = path.with_suffix(".npy")
@@ -101,7 +102,7 @@ def main():
     parser.add_argument("--phantoms", type=int, default=200)
     parser.add_argument("--first", type=int, default=0, help="seed of the first phantom")
     parser.add_argument("--frames", type=int, default=3, help="of each phantom")
-    parser.add_argument("--scanner", choices=["both", "raw", "clinical"], default="both")
+    parser.add_argument("--scanner", choices=["all", *SCANNERS], default="all")
     parser.add_argument("--fixed", action="store_true", help="vary nothing but the anatomy and the tilt")
     parser.add_argument("--pixels", type=int, default=256)
     options = parser.parse_args()

@@ -147,7 +147,7 @@ fn gel(grid: &Grid, seed: Seed) -> Vec<f32> {
 // Textures of muscle and connective tissue: strands and layers.
 
 /// Fibres along the first axis: dark fascicles, faint intermittent walls of perimysium between them, and bright
-/// strands of fibrous and fatty tissue 5 to 30 mm long.
+/// strands of fibrous and fatty tissue 4 to 18 mm long.
 fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     let streaks = grid.gaussian(seed, 0, [5.0, 0.4, 0.5]);
     let bundles = grid.gaussian(seed, 1, [9.0, 1.6, 1.6]);
@@ -155,11 +155,11 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     let sway = [3, 4].map(|stream| grid.gaussian(seed, stream, [8.0, 3.0, 3.0]));
     let fascicles = Cells::new(grid, seed, 5, [32.0, 4.7, 9.0]);
     let strands = Strands {
-        density: 2.8,
-        length_mm: [5.0, 30.0],
-        thickness_mm: [0.4, 0.7],
-        width_mm: [2.0, 8.0],
-        peak_db: [14.0, 36.0],
+        density: 8.0,
+        length_mm: [4.0, 18.0],
+        thickness_mm: [0.35, 0.6],
+        width_mm: [1.5, 6.0],
+        peak_db: [12.0, 34.0],
         slope: 0.1,
         roll: 0.6,
     }
@@ -167,7 +167,7 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     grid.fill(|i, [x, y, z]| {
         let fascicle = fascicles.place([x, y + 0.9 * sway[0][i], z + 0.9 * sway[1][i]]);
         let wall = 18.0 * bump(fascicle.wall_mm, 0.35) * fascicle.facing[1] * smoothstep(0.2, 1.8, gate[i]);
-        2.8 * streaks[i] + 1.6 * bundles[i] + wall.max(strands[i])
+        4.0 * streaks[i] + 1.6 * bundles[i] + wall.max(strands[i])
     })
 }
 

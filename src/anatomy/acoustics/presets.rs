@@ -45,7 +45,7 @@ pub fn all() -> &'static [Tissue] {
 }
 
 /// Direction across the layers of the front and back of the trunk: antero-posterior.
-const ACROSS_LAYERS: [f64; 3] = [0.06, 1.0, 0.08];
+pub(super) const ACROSS_LAYERS: [f64; 3] = [0.06, 1.0, 0.08];
 /// Fibre direction of the muscles of the abdominal wall, between the transverse and the oblique course.
 const ABDOMINAL_FIBRES: [f64; 3] = [0.92, 0.08, 0.38];
 /// Fibre direction of the internal oblique muscle, which crosses [`ABDOMINAL_FIBRES`].
@@ -131,7 +131,7 @@ static PRESETS: &[Tissue] = &[
     row("fascia",                 0xe8dcc8, "fascia",              [11.0,   1.57, 0.0,  1.81],   [300.0,  0.48,  0.06,  3.0]).along(ACROSS_LAYERS),
     row("ligament",               0xd8ccb0, "fascia",              [8.0,    2.5,  0.0,  1.84],   [500.0,  0.48,  0.08,  4.0]).along(ACROSS_LAYERS),
     row("capsule",                0xf0e6d8, "",                    [10.0,   1.57, 0.0,  1.80],   [100.0,  0.49,  0.04,  1.5]),
-    row("diaphragm",              0xc87a68, "",                    [12.0,   1.1,  0.0,  1.75],   [30.0,   0.49,  0.02,  1.0]),
+    row("diaphragm",              0xc87a68, "",                    [15.0,   1.1,  0.0,  1.75],   [30.0,   0.49,  0.02,  1.0]),
     row("bone",                   0xefe6c4, "",                    [16.0,   6.9,  0.6,  7.38],   [1.5e7,  0.3,   1.0,   100.0]),
     row("cartilage",              0xbcd0c8, "gel",                 [-6.0,   5.0,  0.03, 1.93],   [1.0e4,  0.46,  0.3,   10.0]),
     row("disc",                   0xa8bcc8, "gel",                 [-4.0,   2.0,  0.0,  1.70],   [1.0e3,  0.47,  0.2,   5.0]),

@@ -191,6 +191,7 @@ impl TissueTable {
         let mut table = Self {
             tissues: Vec::new(),
             of_label: Vec::with_capacity(labels.len()),
+            ..Self::default()
         };
         if labels.is_empty() {
             table.tissues.push(presets::all()[0].clone());

@@ -2,8 +2,8 @@
 //! completion.
 //!
 //! Livers and spleens get the trees of the vessels that enter them (`vessels`), kidneys a sinus and pyramids, a heart
-//! without chambers four chambers, one with chambers their walls, and soft tissue fat around the kidneys and patches of
-//! fat and muscle. Everything is drawn voxel by voxel: structures narrower than about two voxels are left out. Structures
+//! without chambers four chambers, one with chambers their walls, lungs the diaphragm where they meet what lies under
+//! it, and soft tissue fat around the kidneys and patches of fat and muscle. Everything is drawn voxel by voxel: structures narrower than about two voxels are left out. Structures
 //! that the file labels itself are not drawn. [`LabelVolume::undivided`] returns the organs without structures.
 //!
 //! Sources: kidney, W. C. O'Neill, Am. J. Kidney Dis. 35 (2000) 1021 (parenchyma of 15 to 20 mm); heart, R. M. Lang et
@@ -38,6 +38,8 @@ const VALVES_MM: f64 = 3.0;
 /// or a valve, and the wall of the right heart and of atria is 2 to 4 mm (R. M. Lang et al., J. Am. Soc. Echocardiogr.
 /// 28 (2015) 1).
 const CHAMBER_WALL_MM: f64 = 2.0;
+/// Thickness of the diaphragm at rest, mm (A. J. Boon et al., Muscle & Nerve 47 (2013) 884).
+const DIAPHRAGM_MM: f64 = 3.3;
 /// Distance of the plane of the valves from the centre of a heart towards its base, relative to its extent along its
 /// axis.
 const VALVES_AT: f64 = 0.1;
@@ -88,6 +90,7 @@ pub fn add(volume: &LabelVolume) -> Result<Structured, VolumeError> {
     drawing.trees();
     drawing.kidneys();
     drawing.heart();
+    drawing.diaphragm();
     drawing.filler();
     let Drawing {
         voxels,
@@ -344,18 +347,49 @@ impl Drawing<'_> {
         }
     }
 
+    /// Draws the diaphragm into lungs, and into soft tissue filled by completion beside them, around the organs that lie
+    /// under it.
+    fn diaphragm(&mut self) {
+        let lungs = self.of_tissue("lung");
+        let below: Vec<u8> = ["liver", "spleen"]
+            .iter()
+            .flat_map(|organ| self.of_tissue(organ))
+            .collect();
+        if lungs.is_empty() || below.is_empty() || self.has_named(&["diaphragm"]) {
+            return;
+        }
+        let around = |labels: &[u8]| Organ::around(self.volume, |label| labels.contains(&label), DIAPHRAGM_MM);
+        let (Some(below), Some(lung)) = (around(&below), around(&lungs)) else {
+            return;
+        };
+        let soft = self.appended("soft_tissue");
+        let between = |(voxel, _): ([usize; 3], f64)| {
+            let offset = self.volume.offset(voxel);
+            let label = self.volume.voxels()[offset];
+            let is_between = lungs.contains(&label) || (Some(label) == soft && lung.holds(voxel));
+            is_between.then_some(offset)
+        };
+        let drawn: Vec<usize> = below.voxels().filter_map(between).collect();
+        if drawn.is_empty() {
+            return;
+        }
+        if let Some(diaphragm) = self.label("diaphragm") {
+            drawn.into_iter().for_each(|offset| self.voxels[offset] = diaphragm);
+            self.notes
+                .push(format!("diaphragm ({})", self.labels[usize::from(diaphragm)].value));
+        }
+    }
+
+    /// Label appended by completion, which has no voxels in the file: the file's own soft tissue is left alone.
+    fn appended(&self, name: &str) -> Option<u8> {
+        let is_appended = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
+        let labels = self.volume.labels();
+        labels.iter().position(is_appended).map(|index| index as u8)
+    }
+
     /// Draws fat around kidneys and patches of fat and muscle, in soft tissue filled by completion.
     fn filler(&mut self) {
-        // Labels appended by completion have no voxels in the file, whose own soft tissue is left alone.
-        let appended = |name: &str| {
-            let is_appended = |label: &Label| label.name.as_deref() == Some(name) && label.voxels == 0;
-            self.volume
-                .labels()
-                .iter()
-                .position(is_appended)
-                .map(|index| index as u8)
-        };
-        let (Some(soft), Some(muscle)) = (appended("soft_tissue"), appended("muscle")) else {
+        let (Some(soft), Some(muscle)) = (self.appended("soft_tissue"), self.appended("muscle")) else {
             return;
         };
         if !self.volume.holds(usize::from(soft)) || self.has_named(&["peritoneal_fat"]) {

@@ -61,6 +61,10 @@ impl PointSpread {
         if let Some(focus_mm) = speckle.focus_mm {
             transducer.transmit_focus_mm = focus_mm;
         }
+        if let Some(filter) = speckle.receive_bandwidth {
+            // Of the product of two Gaussians.
+            transducer.bandwidth = (transducer.bandwidth.powi(-2) + filter.powi(-2)).powf(-0.5);
+        }
         let focus_mm = transducer.transmit_focus_mm;
         let is_stated = speckle.lateral_mm.is_some() || speckle.focal_zone_mm.is_some();
         let beam = match (speckle.lateral_mm, speckle.elevational_mm) {
@@ -159,6 +163,30 @@ mod tests {
     fn simulated(is_curved: bool, apodisation: Apodisation) -> PointSpread {
         let probe = simulated::probe(is_curved, apodisation);
         PointSpread::new(&Speckle::default(), &probe, Attenuation::default())
+    }
+
+    #[test]
+    fn a_filter_leaves_the_pulse_that_both_pass() {
+        let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
+        probe.samples = 8192;
+        let axial_mm = |bandwidth: f64, filter: Option<f64>| {
+            let mut probe = probe.clone();
+            probe.aperture.bandwidth = Some(bandwidth);
+            let speckle = Speckle {
+                receive_bandwidth: filter,
+                ..Speckle::default()
+            };
+            PointSpread::new(&speckle, &probe, Attenuation::default()).axial_mm
+        };
+        for (bandwidth, filter, both) in [
+            (0.6, 0.8, 0.48),
+            (0.3, 0.4, 0.24),
+            (0.6, 0.25, 0.2308),
+            (0.05, 1.5, 0.04997),
+        ] {
+            let off = axial_mm(bandwidth, Some(filter)) / axial_mm(both, None) - 1.0;
+            assert!(off.abs() < 1e-3, "{off} at {bandwidth} through {filter}");
+        }
     }
 
     #[test]

@@ -40,7 +40,7 @@ use super::lateral::narrowed;
 use super::pass::{Band, Grid, ParamBlock, Pass, Use, Use::*, View, block, bound, reference};
 use super::point_spread::{Attenuation, PointSpread};
 use super::{
-    Effect, EffectTables, Parameters, Stage,
+    Effect, EffectTables, Parameters, Scanner, Stage,
     Wanted::{self, No, Yes},
     needle,
 };
@@ -55,9 +55,12 @@ parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
     /// as measured on a frame. Defaults depend on the probe ([`super::point_spread`]).
     pub struct Speckle {
-        /// Axial length, mm. Default: that of the pulse, 0.64 mm over bandwidth and frequency in MHz, and no less than
-        /// two samples.
+        /// Axial length, mm. Default: that of the received pulse, 0.64 mm over bandwidth and frequency in MHz, and no
+        /// less than two samples.
         axial_mm: Option<f64>, in 0.05..=10;
+        /// Share of the centre frequency that the receiver's filter passes: full width at half maximum of its amplitude.
+        /// Default: 0.25 with `scanner = "filtered"`, otherwise no filter.
+        receive_bandwidth: Option<f64>, in 0.05..=1.5;
         /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
         /// probe.
         lateral_mm: Option<f64>, in 0.05..=20;
@@ -72,7 +75,17 @@ parameters! {
     }
 }
 
-impl Parameters for Speckle {}
+/// Filter of scanners: it leaves an axial length of 2.8 mm over the frequency in MHz, that of frames of muscle and
+/// phantoms.
+const RECEIVE_BANDWIDTH: f64 = 0.25;
+
+impl Parameters for Speckle {
+    fn fill(&mut self, scanner: Scanner) {
+        if scanner == Scanner::Filtered {
+            self.receive_bandwidth.get_or_insert(RECEIVE_BANDWIDTH);
+        }
+    }
+}
 
 /// Registry entry.
 pub(crate) const EFFECT: Effect = Effect {

@@ -109,19 +109,24 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
     usual: Option<Scanner>,
 ) -> Result<(Option<P>, Origin), Contradiction> {
     let contradiction = |is_listed| Err(Contradiction { effect, is_listed });
+    // A list of all effects is the whole of the processing.
+    let open = |parameters| match usual {
+        Some(scanner) if listed.is_none() => super::filled(parameters, scanner),
+        _ => parameters,
+    };
     match (stated, listed) {
         (Some(Stated::Switch(false)), Some(true)) => contradiction(true),
         (Some(Stated::Switch(true) | Stated::With(_)), Some(false)) => contradiction(false),
-        (Some(Stated::With(parameters)), _) => Ok((Some(parameters.clone()), Origin::Named)),
-        (Some(Stated::Switch(true)), _) | (None, Some(true)) => Ok((Some(P::default()), Origin::Named)),
+        (Some(Stated::With(parameters)), _) => Ok((Some(open(parameters.clone())), Origin::Named)),
+        (Some(Stated::Switch(true)), _) | (None, Some(true)) => Ok((Some(open(P::default())), Origin::Named)),
         (Some(Stated::Switch(false)), _) => Ok((None, Origin::Off)),
         (None, Some(false)) => Ok((None, Origin::Unlisted)),
         (None, None) => Ok(match usual {
             None => (None, Origin::Unnamed),
             Some(_) if P::USUAL.is_empty() => (None, Origin::Unusual),
             Some(scanner) if !P::USUAL.contains(&scanner) => (None, Origin::OtherScanner),
-            Some(_) if P::USUAL == Scanner::ALL => (Some(P::default()), Origin::Usual),
-            Some(_) => (Some(P::default()), Origin::Scanner),
+            Some(_) if P::USUAL == Scanner::ALL => (Some(open(P::default())), Origin::Usual),
+            Some(_) => (Some(open(P::default())), Origin::Scanner),
         }),
     }
 }

@@ -68,8 +68,8 @@ pub(crate) type Derived = Option<Atlas>;
 pub(crate) struct Key<'a> {
     is_on: bool,
     seed: u64,
-    /// Tissue of each label.
-    of_label: &'a [u8],
+    /// Tissues of the labels, and directions of textures that are not those of tissues.
+    of_label: (&'a [u8], Option<[f64; 3]>, &'a BTreeMap<u8, [f64; 3]>),
     /// Per tissue: its name, and that, scale and direction of its texture.
     textures: Vec<(&'a str, Option<&'a str>, f64, Option<[f64; 3]>)>,
 }
@@ -84,7 +84,7 @@ pub(crate) fn key<'a>(tissues: &'a TissueTable, settings: &Settings, _: &BeamGri
     Key {
         is_on: settings.effects.texture.is_some(),
         seed: settings.seed & u64::from(u32::MAX),
-        of_label: &tissues.of_label,
+        of_label: (&tissues.of_label, tissues.inwards, &tissues.along),
         textures: tissues.tissues.iter().map(placed).collect(),
     }
 }
@@ -209,49 +209,52 @@ fn run<T: Real>(view: &View, store: &mut Store<T>) {
 /// Packs the solid textures named by the tissues of an anatomy's labels, in the order of their first use; `None`
 /// without textures. Textures of the anatomy override those of the bank, which are made from the seed.
 fn atlas(anatomy: &Anatomy, seed: u64) -> Result<Option<Atlas>, VolumeError> {
-    let tissues = placed(anatomy);
     let mut by_name: BTreeMap<&str, Arc<SolidTexture>> = BTreeMap::new();
-    for name in tissues.iter().filter_map(|tissue| tissue.texture.as_deref()) {
+    let placed = placed(anatomy);
+    for (name, _) in &placed {
         if let (false, Some(texture)) = (by_name.contains_key(name), solid(anatomy, name, seed)) {
             by_name.insert(name, texture);
         }
     }
-    let textures: Vec<&SolidTexture> = tissues
-        .iter()
-        .filter_map(|tissue| by_name.get(tissue.texture.as_deref()?))
-        .map(Arc::as_ref)
+    let pairs: Vec<(&SolidTexture, Placement)> = placed
+        .into_iter()
+        .filter_map(|(name, placement)| Some((&**by_name.get(name)?, placement)))
         .collect();
-    if textures.is_empty() {
+    if pairs.is_empty() {
         return Ok(None);
     }
-    let placements = tissues.iter().map(|tissue| Placement {
-        rotation: tissue.texture_rotation(),
-        scale: tissue.texture_scale,
-    });
-    let pairs: Vec<(&SolidTexture, Placement)> = textures.into_iter().zip(placements).collect();
     Atlas::pack(&pairs).map(Some)
 }
 
-/// Atlas entry of a label's tissue plus one; 0 for none.
+/// Atlas entry of a label plus one; 0 for none.
 pub(crate) fn entry_of(anatomy: &Anatomy, label: u8) -> u32 {
-    let tissue = anatomy.tissues.tissue(label);
+    let wanted = placement(anatomy, label);
     placed(anatomy)
         .iter()
-        .position(|placed| placed.name == tissue.name)
+        .position(|placed| Some(placed) == wanted.as_ref())
         .map_or(0, |index| index as u32 + 1)
 }
 
-/// Tissues of the volume's labels with an available texture, each once.
-fn placed(anatomy: &Anatomy) -> Vec<&Tissue> {
-    let mut tissues: Vec<&Tissue> = Vec::new();
+/// Names and placements of the available textures of the volume's labels, each once.
+fn placed(anatomy: &Anatomy) -> Vec<(&str, Placement)> {
+    let mut all = Vec::new();
     for label in 0..anatomy.volume.labels().len() {
-        let tissue = anatomy.tissues.tissue(label as u8);
-        let known = |name: &str| anatomy.textures.contains_key(name) || bank::names().any(|built_in| built_in == name);
-        if tissue.texture.as_deref().is_some_and(known) && !tissues.iter().any(|placed| placed.name == tissue.name) {
-            tissues.push(tissue);
-        }
+        let one = placement(anatomy, label as u8);
+        all.extend(one.filter(|one| !all.contains(one)));
     }
-    tissues
+    all
+}
+
+/// Name and placement of the texture of a label; `None` without one.
+fn placement(anatomy: &Anatomy, label: u8) -> Option<(&str, Placement)> {
+    let tissue = anatomy.tissues.tissue(label);
+    let name = tissue.texture.as_deref()?;
+    let is_known = anatomy.textures.contains_key(name) || bank::names().any(|built_in| built_in == name);
+    let placement = Placement {
+        rotation: anatomy.tissues.texture_rotation(label),
+        scale: tissue.texture_scale,
+    };
+    is_known.then_some((name, placement))
 }
 
 fn solid(anatomy: &Anatomy, name: &str, seed: u64) -> Option<Arc<SolidTexture>> {

@@ -118,12 +118,11 @@ impl SceneFile {
         let is_stated = self.effects.is_some() && self.source.as_ref().is_none_or(|source| source.states("effects"));
         let is_old = self.version.is_some_and(|version| version.number() == 1);
         let excluding = is_stated && is_old;
-        let scanner = self.scanner.unwrap_or_else(|| {
-            if kind == ProbeKind::Curvilinear && !is_old && table.only.is_none() {
-                Scanner::Clinical
-            } else {
-                Scanner::Raw
-            }
+        let scanner = self.scanner.unwrap_or(match kind {
+            _ if is_old || table.only.is_some() => Scanner::Raw,
+            ProbeKind::Curvilinear => Scanner::Clinical,
+            ProbeKind::Linear => Scanner::Filtered,
+            _ => Scanner::Raw,
         });
         let (effects, origins) = table
             .resolve((!excluding).then_some(scanner))
@@ -135,8 +134,9 @@ impl SceneFile {
             Some(_) => Some("`effects.only` lists all effects"),
             None => excluding.then_some("with `version = 1` `[effects]` names all effects"),
         };
-        if let (Some(Scanner::Clinical), Some(exact)) = (self.scanner, exact) {
-            notes.push(format!("`scanner = \"clinical\"` adds nothing, as {exact}"));
+        if let (Some(scanner @ (Scanner::Filtered | Scanner::Clinical)), Some(exact)) = (self.scanner, exact) {
+            let word = insonify_base::document::word(&scanner);
+            notes.push(format!("`scanner = {word}` adds nothing, as {exact}"));
         }
         // A picture without log compression looks like a fault; who says `tone = false` means it.
         let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));

@@ -85,7 +85,7 @@ impl SceneFile {
         let mut of_volume = Notes::default();
         let volume = self.load_volume(base_dir, &mut of_volume, &mut warnings)?;
         let preset = self.volume()?.preset.unwrap_or_default();
-        let (tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
+        let (mut tissues, assumed) = TissueTable::resolve(volume.labels(), &self.tissue, preset)
             .map_err(|error| self.fault(self.tissue_key(&error), error))?;
         warnings.extend(assumed);
         if let Some(variation) = &variation {
@@ -163,6 +163,13 @@ impl SceneFile {
         notes.extend(of_volume);
 
         let timeline = self.timeline(&probe, recorded, needle.as_ref(), deformation.as_ref());
+        let is_file = self.volume()?.file.is_some();
+        let states_direction = |name: &str| {
+            let mut stated = self.tissue.iter().filter(|tissue| tissue.texture_direction.is_some());
+            !is_file || stated.any(|tissue| tissue.name == name)
+        };
+        let inwards = is_on_skin.then(|| at_rest.axial().into_inner().into());
+        tissues.follow(&volume, inwards, states_direction);
         let mut scene = Scene {
             anatomy: Anatomy {
                 volume: Arc::new(volume),

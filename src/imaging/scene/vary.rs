@@ -563,9 +563,10 @@ impl Variation {
         let retissued = parameters.keys().any(|path| path.starts_with("tissue."));
         let tissues = if retissued {
             let preset = file.volume()?.preset.unwrap_or_default();
-            let (tissues, _) = TissueTable::resolve(volume.labels(), &file.tissue, preset)
+            let (new, _) = TissueTable::resolve(volume.labels(), &file.tissue, preset)
                 .map_err(|error| file.fault("tissue", error))?;
-            Arc::new(tissues)
+            let TissueTable { inwards, along, .. } = (**tissues).clone();
+            Arc::new(TissueTable { inwards, along, ..new })
         } else {
             Arc::clone(tissues)
         };

@@ -76,6 +76,7 @@ impl Model {
         };
         Effects {
             speckle: Some(Speckle {
+                receive_bandwidth: None,
                 axial_mm: Some(axial),
                 lateral_mm: Some(lateral),
                 // One plane does not show it: it follows the frequency.

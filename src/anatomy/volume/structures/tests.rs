@@ -307,3 +307,42 @@ fn fat_lies_around_kidneys_and_in_patches_and_other_labels_stay() {
         );
     }
 }
+
+#[test]
+fn a_diaphragm_is_drawn_where_lungs_meet_liver_and_spleen() {
+    let names = ["liver", "lung_lower_lobe_right", "heart"];
+    let body = |names: &[&str]| {
+        volume([30.0, 30.0, 30.0], names, |p| match () {
+            _ if p.norm() < 18.0 => 1,
+            _ if p.x > 20.0 => 3,
+            // A gap of a voxel between lung and liver.
+            _ if p.z > 0.0 && p.norm() < 19.6 => 0,
+            _ if p.z > 0.0 => 2,
+            _ => 0,
+        })
+    };
+    let before = body(&names);
+    let after = add(&before).unwrap();
+    let diaphragm = at(&after.volume, "diaphragm").expect("a diaphragm");
+    let note = after.note.expect("a note").to_string();
+    assert!(note.contains("diaphragm"), "{note}");
+    let mut thickest = 0.0f64;
+    for (offset, (old, new)) in before.voxels().iter().zip(after.volume.voxels()).enumerate() {
+        let [nx, ny, _] = before.size();
+        let index = [offset % nx, offset / nx % ny, offset / (nx * ny)];
+        let from_middle = Vector3::from(index.map(|i| 1.5 * i as f64 - 30.0)).norm();
+        if *new == diaphragm {
+            assert_eq!(*old, 2, "what is not lung stays");
+            thickest = thickest.max(from_middle);
+        } else if *old == 2 {
+            assert!(
+                from_middle > 18.0 + DIAPHRAGM_MM - 1.6,
+                "lung {from_middle} mm from the middle"
+            );
+        }
+    }
+    assert!((thickest - 18.0 - DIAPHRAGM_MM).abs() < 1.5, "up to {thickest} mm");
+    // That of a file stays.
+    let labelled = add(&body(&["liver", "lung_lower_lobe_right", "diaphragm_muscle"])).unwrap();
+    assert!(at(&labelled.volume, "diaphragm").is_none());
+}

@@ -19,7 +19,10 @@ fn short_and_long_windows_on_every_probe_shape() {
         ] {
             let mut settings = scene::settings(scene::probe(shape, 40.0, lines, samples), scene::bare());
             settings.effects.speckle = Some(Speckle::default());
-            settings.effects.speckle_reduction = Some(SpeckleReduction { strength, window_cells });
+            settings.effects.speckle_reduction = Some(SpeckleReduction {
+                strength: Some(strength),
+                window_cells,
+            });
             let name = format!("{name}, {lines} lines of {samples}, {window_cells} cells");
             cases.push(random(name, settings));
         }

@@ -38,7 +38,7 @@ fn settings(reduction: SpeckleReduction) -> Settings {
 /// The usual window at a strength.
 fn of_strength(strength: f64) -> SpeckleReduction {
     SpeckleReduction {
-        strength,
+        strength: Some(strength),
         ..Default::default()
     }
 }
@@ -107,7 +107,7 @@ fn even_noise_falls_as_the_closed_form_says() {
     for (name, backend) in precisions() {
         // A window of one cell has steps of one sample on this grid.
         let mut settings = settings(SpeckleReduction {
-            strength: 1.0,
+            strength: Some(1.0),
             window_cells: 1.0,
         });
         settings.effects.receiver = Some(Receiver {
@@ -163,7 +163,7 @@ fn speckle_gains_by_the_cells_of_the_window() {
 fn the_usual_strength_makes_grey_as_even_as_stated() {
     let tone = Tone::linear();
     let grey = |amplitude: &f64| 255.0 * tone.shown(0.42 + 20.0 * amplitude.max(1e-9).log10() / tone.dynamic_range_db);
-    let pairs = speckle(&anatomy::uniform(PLAIN), SpeckleReduction::default().strength, 4);
+    let pairs = speckle(&anatomy::uniform(PLAIN), SpeckleReduction::default().strength(), 4);
     let [before, after] = [0, 1].map(|of| {
         let greys = pairs.iter().flat_map(|pair| interior(&pair[of]));
         snr(&greys.map(|amplitude| grey(&amplitude)).collect::<Vec<_>>())
@@ -219,7 +219,7 @@ fn edges_of_20_db_keep_their_width() {
     let bright = Acoustics { echo_db: 20.0, ..PLAIN };
     for angle in ANGLES {
         let (anatomy, distance) = about_plane(angle, [PLAIN, bright], |cells| cells > 0.0);
-        let pairs = speckle(&anatomy, SpeckleReduction::default().strength, 40);
+        let pairs = speckle(&anatomy, SpeckleReduction::default().strength(), 40);
         let widths = [0, 1].map(|of| {
             // Mean amplitude by the distance from the edge, in eighths of a cell.
             let (mut sums, mut counts) = ([0.0; 48], [0.0; 48]);

@@ -44,6 +44,7 @@ pub(super) fn any(record: &mut Record<'_>) -> Result<(), Unexpected> {
 /// frames of a sweep.
 fn speckle(record: &mut Record<'_>, gpus: &[Gpu]) -> Result<(), Unexpected> {
     let speckle = Speckle {
+        receive_bandwidth: None,
         axial_mm: Some(0.8),
         lateral_mm: Some(1.5),
         elevational_mm: Some(1.6),

@@ -160,6 +160,7 @@ const GRAIN: [Column<GrainRow>; 8] = [
 fn models(options: &ImageOptions) -> Result<Table, Error> {
     let [axial_mm, lateral_mm] = LENGTHS_MM;
     let speckle = Speckle {
+        receive_bandwidth: None,
         axial_mm: Some(axial_mm),
         lateral_mm: Some(lateral_mm),
         elevational_mm: Some(1.8),
