@@ -28,7 +28,7 @@ use crate::synth::tables::{Anatomy, LabelRow, Settings, Tables};
 use crate::synth::{FrameState, SynthError};
 use insonify_base::range::{OutOfRange, Ranges};
 use insonify_base::real::Real;
-use insonify_tracking::probe::BeamGrid;
+use insonify_tracking::probe::{BeamGrid, ProbeKind};
 
 /// Whether a scene calls for an effect, and why.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -126,14 +126,13 @@ pub enum Scanner {
     /// Nothing: frames of one look.
     #[default]
     Raw,
-    /// A filter of the received pulse and light speckle reduction.
-    Filtered,
-    /// Spatial compounding and speckle reduction.
+    /// What those in clinics do: spatial compounding and speckle reduction, which is lighter under linear probes, where
+    /// the received pulse is filtered.
     Clinical,
 }
 
 impl Scanner {
-    const ALL: &[Self] = &[Self::Raw, Self::Filtered, Self::Clinical];
+    const ALL: &[Self] = &[Self::Raw, Self::Clinical];
 }
 
 /// Parameters of an effect that a scene may do without.
@@ -141,19 +140,13 @@ pub trait Parameters: Default + Ranges {
     /// Scanners that have it among their usual effects.
     const USUAL: &[Scanner] = Scanner::ALL;
 
-    /// Fills what is left open and depends on the scanner.
-    fn fill(&mut self, _: Scanner) {}
+    /// Fills what is left open and depends on the scanner and the kind of probe.
+    fn fill(&mut self, _: Scanner, _: ProbeKind) {}
 
     /// Checks what the ranges of single numbers do not say.
     fn check_others(&self) -> Result<(), OutOfRange> {
         Ok(())
     }
-}
-
-/// Parameters with a scanner.
-fn filled<P: Parameters>(mut parameters: P, scanner: Scanner) -> P {
-    parameters.fill(scanner);
-    parameters
 }
 
 /// A key of [`Effects`].
@@ -166,7 +159,7 @@ pub(crate) trait Setting: Default {
         effect: &'static str,
         stated: Option<&Self::Stated>,
         listed: Option<bool>,
-        usual: Option<Scanner>,
+        usual: Option<(Scanner, ProbeKind)>,
     ) -> Result<(Self, Option<Origin>), Contradiction>;
 
     /// Form of this value in a scene file; `None` if the file need not state it.
@@ -191,7 +184,7 @@ impl<P: Parameters + Clone> Setting for Option<P> {
         effect: &'static str,
         stated: Option<&Stated<P>>,
         listed: Option<bool>,
-        usual: Option<Scanner>,
+        usual: Option<(Scanner, ProbeKind)>,
     ) -> Result<(Self, Option<Origin>), Contradiction> {
         let (parameters, origin) = table::resolved(effect, stated, listed, usual)?;
         Ok((parameters, Some(origin)))
@@ -205,7 +198,7 @@ impl<P: Parameters + Clone> Setting for Option<P> {
     }
 
     fn usual(scanner: Scanner) -> Self {
-        P::USUAL.contains(&scanner).then(|| filled(P::default(), scanner))
+        P::USUAL.contains(&scanner).then(P::default)
     }
 
     fn all() -> Self {
@@ -302,11 +295,11 @@ macro_rules! registry {
 
         impl EffectsTable {
             /// Effects that the table calls for, and their origins: beside those that it names the usual ones of a
-            /// scanner, or with `None` no others.
+            /// scanner with a kind of probe, or with `None` no others.
             ///
             /// # Errors
             /// An effect that it both calls for and leaves out.
-            pub(crate) fn resolve(&self, usual: Option<Scanner>) -> Result<(Effects, Origins), Contradiction> {
+            pub(crate) fn resolve(&self, usual: Option<(Scanner, ProbeKind)>) -> Result<(Effects, Origins), Contradiction> {
                 let mut origins = Origins::new();
                 let effects = Effects {
                     $($name: {
@@ -336,8 +329,8 @@ macro_rules! registry {
             }
 
             /// Returns the usual effects of a scanner with their default parameters: all but additive noise, which
-            /// duplicates what speckle does physically, and blur; compounding of a clinical one only, and of a raw
-            /// one no speckle reduction either.
+            /// duplicates what speckle does physically, and blur; of a raw one neither compounding nor speckle
+            /// reduction.
             pub fn of(scanner: Scanner) -> Self {
                 Self {
                     $($name: Setting::usual(scanner),)+

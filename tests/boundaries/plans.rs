@@ -301,7 +301,7 @@ pub(super) fn scenes() -> Vec<Scene> {
             box_of(lossy()),
             |s| {
                 s.effects.speckle_reduction = Some(SpeckleReduction {
-                    strength: 0.0,
+                    strength: Some(0.0),
                     ..Default::default()
                 });
             },

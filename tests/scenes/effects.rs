@@ -184,10 +184,9 @@ fn the_scanner_decides_on_compounding_and_speckle_reduction() {
     }
     assert_eq!(has("version = 1", ""), [false; 2]);
     assert_eq!(has("version = 1", &linear), [false; 2]);
-    assert_eq!(has("version = 2\nscanner = \"clinical\"", &linear), [true; 2]);
-    assert_eq!(has("version = 2", &linear), [false, true]);
-    assert_eq!(has("scanner = \"filtered\"", ""), [false, true]);
-    // What depends on the scanner fills what a table leaves open.
+    assert_eq!(has("version = 2\nscanner = \"clinical\"", &phased), [true; 2]);
+    assert_eq!(has("version = 2", &linear), [true; 2]);
+    // What depends on the probe fills what a table leaves open.
     let strengths = |first: &str, more: &str| {
         let effects = scene(first, more).settings.effects;
         let bandwidth = effects.speckle.expect("speckle").receive_bandwidth;
@@ -197,14 +196,21 @@ fn the_scanner_decides_on_compounding_and_speckle_reduction() {
         )
     };
     let with = |more: &str| format!("{linear}\n{more}");
-    assert_eq!(strengths("version = 2", &linear), (Some(0.25), Some(0.25)));
+    assert_eq!(strengths("version = 2", &linear), (Some(0.4), Some(0.25)));
     let stated = "[effects]\nspeckle.lateral_mm = 1.0\nspeckle_reduction.window_cells = 4.0";
-    assert_eq!(strengths("version = 2", &with(stated)), (Some(0.25), Some(0.25)));
+    assert_eq!(strengths("version = 2", &with(stated)), (Some(0.4), Some(0.25)));
     let stated = "[effects]\nspeckle.receive_bandwidth = 0.5\nspeckle_reduction.strength = 0.5";
     assert_eq!(strengths("version = 2", &with(stated)), (Some(0.5), Some(0.5)));
     assert_eq!(strengths("version = 2", ""), (None, Some(0.75)));
-    let listed = "effects.only = [\"speckle\", \"speckle_reduction\"]";
-    assert_eq!(strengths("scanner = \"filtered\"", listed), (None, Some(0.75)));
+    assert_eq!(
+        strengths(
+            "version = 2\nscanner = \"raw\"",
+            &with("[effects]\nspeckle_reduction = true")
+        ),
+        (None, Some(0.75))
+    );
+    let listed = "[effects]\nonly = [\"speckle\", \"speckle_reduction\"]";
+    assert_eq!(strengths("scanner = \"clinical\"", &with(listed)), (None, Some(0.75)));
     // Each number by itself.
     assert_eq!(has("scanner = \"raw\"", "effects.compound = true"), [true, false]);
     assert_eq!(has("", "effects.compound = false"), [false, true]);

@@ -66,7 +66,7 @@ fn unknown_keys_get_a_suggestion() {
     check(
         &small("[scanner]\nkind = \"raw\""),
         "[scanner]",
-        &["found a table", "\"raw\", \"filtered\" or \"clinical\""],
+        &["found a table", "\"raw\" or \"clinical\""],
     );
     check(&small("[zzz]"), "zzz", &["known here", "effects"]);
 }

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-SCANNERS = ["raw", "filtered", "clinical"]
+SCANNERS = ["raw", "clinical"]
 MASKS = {"epineurium": 1, "fascicle": 1, "artery": 2, "vein": 2}
 
 # What differs from frame to frame, by key: scanner, probe, and the look of tissues in another body.

@@ -34,6 +34,7 @@ use crate::synth::tables::Tables;
 use insonify_base::parallel::{chunks, chunks_mut, for_each};
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, array, map};
+use insonify_tracking::probe::ProbeKind;
 
 /// Sampling of labels. The default, as that of [`Effects`](super::Effects), leaves out what a frame can do without: the
 /// usual scene continues the body beyond the volume.
@@ -67,10 +68,10 @@ impl Setting for Slice {
         _: &'static str,
         stated: Option<&Table>,
         _: Option<bool>,
-        usual: Option<Scanner>,
+        usual: Option<(Scanner, ProbeKind)>,
     ) -> Result<(Self, Option<Origin>), Contradiction> {
         let stated = stated.copied().unwrap_or_default();
-        let open = usual.map_or_else(Self::default, <Self as Setting>::usual);
+        let open = usual.map_or_else(Self::default, |(scanner, _)| <Self as Setting>::usual(scanner));
         let slice = Self {
             boundary: stated.boundary.unwrap_or(open.boundary),
             beyond: stated.beyond.unwrap_or(open.beyond),

@@ -49,7 +49,7 @@ use crate::synth::tables::{Anatomy, Settings, Tables};
 use insonify_anatomy::acoustics::TissueTable;
 use insonify_base::random::seed_words;
 use insonify_base::range::parameters;
-use insonify_tracking::probe::BeamGrid;
+use insonify_tracking::probe::{BeamGrid, ProbeKind};
 
 parameters! {
     /// Fully developed speckle. Lengths are full widths at half maximum of the autocorrelation of the echo intensity,
@@ -59,7 +59,7 @@ parameters! {
         /// less than two samples.
         axial_mm: Option<f64>, in 0.05..=10;
         /// Share of the centre frequency that the receiver's filter passes: full width at half maximum of its amplitude.
-        /// Default: 0.25 with `scanner = "filtered"`, otherwise no filter.
+        /// Default: 0.4 with `scanner = "clinical"` and a linear probe, otherwise no filter.
         receive_bandwidth: Option<f64>, in 0.05..=1.5;
         /// Lateral length at the focus, mm. Default: at every depth the length that follows from the apertures of the
         /// probe.
@@ -75,13 +75,12 @@ parameters! {
     }
 }
 
-/// Filter of scanners: it leaves an axial length of 2.8 mm over the frequency in MHz, that of frames of muscle and
-/// phantoms.
-const RECEIVE_BANDWIDTH: f64 = 0.25;
+/// Filter of scanners: with it and speckle reduction the axial length is that of frames of muscle and vessels.
+const RECEIVE_BANDWIDTH: f64 = 0.4;
 
 impl Parameters for Speckle {
-    fn fill(&mut self, scanner: Scanner) {
-        if scanner == Scanner::Filtered {
+    fn fill(&mut self, scanner: Scanner, kind: ProbeKind) {
+        if (scanner, kind) == (Scanner::Clinical, ProbeKind::Linear) {
             self.receive_bandwidth.get_or_insert(RECEIVE_BANDWIDTH);
         }
     }

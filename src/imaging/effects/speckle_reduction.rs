@@ -37,14 +37,14 @@ use insonify_base::parallel::{chunks_mut, for_each};
 use insonify_base::range::parameters;
 use insonify_base::real::Real;
 use insonify_base::simd::{Kernel, array};
-use insonify_tracking::probe::BeamGrid;
+use insonify_tracking::probe::{BeamGrid, ProbeKind};
 
 parameters! {
     /// Speckle reduction.
     pub struct SpeckleReduction {
-        /// Share of the smooth value in the result. Default: 0.25 with `scanner = "filtered"`, otherwise 0.75, with which
-        /// the mean over the standard deviation of grey is 1.8 times that of raw speckle in even tissue, 1.6 times in
-        /// liver with its texture.
+        /// Share of the smooth value in the result. Default: 0.25 with `scanner = "clinical"` and a linear probe, otherwise
+        /// 0.75, with which the mean over the standard deviation of grey is 1.8 times that of raw speckle in even
+        /// tissue, 1.6 times in liver with its texture.
         strength: Option<f64>, in 0..=1;
         /// Length of the lines on which evenness is judged, lengths of speckle: the shortest with which edges of 20 dB
         /// keep their width.
@@ -52,17 +52,17 @@ parameters! {
     }
 }
 
-/// Strength of scanners: of one that compounds, too, and of one that does not, with which speckle of vessels under a
-/// linear probe is as even as in real frames (mean over standard deviation of grey 3.7, 3.9 in eleven).
+/// Strength that makes livers as even as in real frames under curvilinear probes, and muscle and vessels under linear
+/// ones.
 const STRENGTH: f64 = 0.75;
-const LIGHT: f64 = 0.25;
+const LINEAR: f64 = 0.25;
 
 impl Parameters for SpeckleReduction {
-    const USUAL: &[Scanner] = &[Scanner::Filtered, Scanner::Clinical];
+    const USUAL: &[Scanner] = &[Scanner::Clinical];
 
-    fn fill(&mut self, scanner: Scanner) {
-        if scanner == Scanner::Filtered {
-            self.strength.get_or_insert(LIGHT);
+    fn fill(&mut self, scanner: Scanner, kind: ProbeKind) {
+        if (scanner, kind) == (Scanner::Clinical, ProbeKind::Linear) {
+            self.strength.get_or_insert(LINEAR);
         }
     }
 }

@@ -11,6 +11,7 @@ use serde::{Deserialize, Serialize};
 
 use super::slice::Beyond;
 use super::{Effects, EffectsTable, Scanner};
+use insonify_tracking::probe::ProbeKind;
 
 /// An effect in a scene file.
 #[derive(Clone, Debug, PartialEq, Serialize, JsonSchema)]
@@ -98,7 +99,7 @@ pub struct Contradiction {
 }
 
 /// Parameters of an effect in a scene, if it has it, and their origin. `listed` says whether `only`, if the scene has
-/// it, lists the effect; `usual` is the scanner whose usual effects it has.
+/// it, lists the effect; `usual` is the scanner whose usual effects it has, with the kind of probe.
 ///
 /// # Errors
 /// [`Contradiction`] between what is stated and `only`.
@@ -106,13 +107,15 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
     effect: &'static str,
     stated: Option<&Stated<P>>,
     listed: Option<bool>,
-    usual: Option<Scanner>,
+    usual: Option<(Scanner, ProbeKind)>,
 ) -> Result<(Option<P>, Origin), Contradiction> {
     let contradiction = |is_listed| Err(Contradiction { effect, is_listed });
     // A list of all effects is the whole of the processing.
-    let open = |parameters| match usual {
-        Some(scanner) if listed.is_none() => super::filled(parameters, scanner),
-        _ => parameters,
+    let open = |mut parameters: P| {
+        if let (Some((scanner, kind)), None) = (usual, listed) {
+            parameters.fill(scanner, kind);
+        }
+        parameters
     };
     match (stated, listed) {
         (Some(Stated::Switch(false)), Some(true)) => contradiction(true),
@@ -124,7 +127,7 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
         (None, None) => Ok(match usual {
             None => (None, Origin::Unnamed),
             Some(_) if P::USUAL.is_empty() => (None, Origin::Unusual),
-            Some(scanner) if !P::USUAL.contains(&scanner) => (None, Origin::OtherScanner),
+            Some((scanner, _)) if !P::USUAL.contains(&scanner) => (None, Origin::OtherScanner),
             Some(_) if P::USUAL == Scanner::ALL => (Some(open(P::default())), Origin::Usual),
             Some(_) => (Some(open(P::default())), Origin::Scanner),
         }),
@@ -134,13 +137,13 @@ pub(super) fn resolved<P: super::Parameters + Clone>(
 impl EffectsTable {
     /// Note about the change with version 2 for a table without a version: effects that it left out before, and the
     /// keys that leave them out now. `None` if nothing changes, or the table cannot be older.
-    pub(crate) fn formerly(&self, scanner: Scanner) -> Option<String> {
+    pub(crate) fn formerly(&self, usual: (Scanner, ProbeKind)) -> Option<String> {
         let keys = serde_json::to_value(self).ok()?;
         let is_newer = |value: &serde_json::Value| value.is_boolean();
         if self.only.is_some() || keys.as_object()?.values().any(is_newer) {
             return None;
         }
-        let [(_, now), (_, before)] = [self.resolve(Some(scanner)).ok()?, self.resolve(None).ok()?];
+        let [(_, now), (_, before)] = [self.resolve(Some(usual)).ok()?, self.resolve(None).ok()?];
         let having = |origins: &Origins| -> Vec<&'static str> {
             let on = origins.iter().filter(|(_, origin)| origin.is_on());
             on.map(|(name, _)| *name).collect()

@@ -120,23 +120,21 @@ impl SceneFile {
         let excluding = is_stated && is_old;
         let scanner = self.scanner.unwrap_or(match kind {
             _ if is_old || table.only.is_some() => Scanner::Raw,
-            ProbeKind::Curvilinear => Scanner::Clinical,
-            ProbeKind::Linear => Scanner::Filtered,
+            ProbeKind::Curvilinear | ProbeKind::Linear => Scanner::Clinical,
             _ => Scanner::Raw,
         });
         let (effects, origins) = table
-            .resolve((!excluding).then_some(scanner))
+            .resolve((!excluding).then_some((scanner, kind)))
             .map_err(|error| self.contradiction(error))?;
         if is_stated && self.version.is_none() {
-            notes.extend(table.formerly(scanner));
+            notes.extend(table.formerly((scanner, kind)));
         }
         let exact = match &table.only {
             Some(_) => Some("`effects.only` lists all effects"),
             None => excluding.then_some("with `version = 1` `[effects]` names all effects"),
         };
-        if let (Some(scanner @ (Scanner::Filtered | Scanner::Clinical)), Some(exact)) = (self.scanner, exact) {
-            let word = insonify_base::document::word(&scanner);
-            notes.push(format!("`scanner = {word}` adds nothing, as {exact}"));
+        if let (Some(Scanner::Clinical), Some(exact)) = (self.scanner, exact) {
+            notes.push(format!("`scanner = \"clinical\"` adds nothing, as {exact}"));
         }
         // A picture without log compression looks like a fault; who says `tone = false` means it.
         let is_left_out = matches!(origins.get("tone"), Some(Origin::Unlisted | Origin::Unnamed));

@@ -87,8 +87,8 @@ pub struct SceneFile {
     /// Solid textures from files.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub texture: Vec<TextureSpec>,
-    /// Processing by the scanner, which decides on the usual effects. Default: `clinical` with a curvilinear probe,
-    /// `filtered` with a linear one; `raw` with others, with `version = 1`, and where `effects.only` lists the effects.
+    /// Processing by the scanner, which decides on the usual effects. Default: `clinical` with a curvilinear or
+    /// linear probe; `raw` with others, with `version = 1`, and where `effects.only` lists the effects.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub scanner: Option<Scanner>,
     /// Changes of the usual effects.
