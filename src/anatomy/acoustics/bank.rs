@@ -89,8 +89,9 @@ fn fat(grid: &Grid, seed: Seed) -> Vec<f32> {
     let wisps = grid.gaussian(seed, 7, [0.45, 2.4, 2.4]);
     grid.fill(|i, p| {
         let lobule = lobules.place([0, 1, 2].map(|axis| p[axis] + [1.0, 1.2, 1.2][axis] * sway[axis][i]));
-        let brightness = (0.35 + 0.65 * lobule.facing[0]) * (0.35 + 0.65 * smoothstep(-1.0, 0.8, gate[i]));
-        let septum = 24.0 * bump(lobule.wall_mm, 0.42) * brightness;
+        let facing = lobule.facing[0] * lobule.facing[0];
+        let brightness = (0.2 + 0.8 * facing) * (0.35 + 0.65 * smoothstep(-1.0, 0.8, gate[i]));
+        let septum = 24.0 * bump(lobule.wall_mm, 0.32) * brightness;
         2.0 * (lobule.id - 0.5) + 0.9 * grain[i] + 1.4 * wisps[i] + septum
     })
 }

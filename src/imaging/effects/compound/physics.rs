@@ -37,6 +37,7 @@ fn settings(shape: ProbeShape, looks: u32, angle_deg: f64) -> Settings {
     let mut settings = scene::settings(probe, scene::bare());
     settings.effects.slice.boundary = Boundary::Vote;
     settings.effects.speckle = Some(Speckle {
+        receive_bandwidth: None,
         axial_mm: Some(0.8),
         lateral_mm: Some(LATERAL_MM),
         elevational_mm: Some(1.6),

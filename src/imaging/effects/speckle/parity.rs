@@ -33,6 +33,7 @@ fn short_and_long_point_spreads() {
     for (axial, lateral, elevational) in [(0.3, 0.4, 0.4), (3.0, 6.0, 0.8), (0.5, 8.0, 8.0)] {
         let mut settings = scene::settings(scene::small_probe(), scene::bare());
         settings.effects.speckle = Some(Speckle {
+            receive_bandwidth: None,
             axial_mm: Some(axial),
             lateral_mm: Some(lateral),
             elevational_mm: Some(elevational),

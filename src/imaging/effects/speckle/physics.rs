@@ -40,6 +40,7 @@ fn settings(speckle: Speckle) -> Settings {
 /// Speckle whose lateral width is the same at all depths.
 fn even(axial_mm: f64, lateral_mm: f64, elevational_mm: f64) -> Speckle {
     Speckle {
+        receive_bandwidth: None,
         axial_mm: Some(axial_mm),
         lateral_mm: Some(lateral_mm),
         elevational_mm: Some(elevational_mm),

@@ -47,6 +47,7 @@ fn of_strength(strength: f64) -> SpeckleReduction {
 fn speckle(anatomy: &Anatomy, strength: f64, count: u64) -> Vec<[Beam; 2]> {
     let mut settings = settings(of_strength(strength));
     settings.effects.speckle = Some(Speckle {
+        receive_bandwidth: None,
         axial_mm: Some(CELL_MM[1]),
         lateral_mm: Some(CELL_MM[0]),
         elevational_mm: Some(1.6),
@@ -245,7 +246,7 @@ fn bright_lines_keep_their_peak() {
     let bright = Acoustics { echo_db: 26.0, ..PLAIN };
     for angle in ANGLES {
         let (anatomy, distance) = about_plane(angle, [PLAIN, bright], |cells| cells.abs() < 0.25);
-        let pairs = speckle(&anatomy, SpeckleReduction::default().strength, 4);
+        let pairs = speckle(&anatomy, SpeckleReduction::default().strength(), 4);
         let [before, after] = [0, 1].map(|of| {
             let on_line = |pair: &[Beam; 2]| {
                 let all = pair[of].amplitude.iter().enumerate();
