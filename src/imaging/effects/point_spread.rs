@@ -170,7 +170,7 @@ mod tests {
         let mut probe = Probe::new(Linear { width_mm: 40.0 }, 50.0).unwrap();
         probe.samples = 8192;
         let axial_mm = |bandwidth: f64, filter: Option<f64>| {
-            let mut probe = probe.clone();
+            let mut probe = probe;
             probe.aperture.bandwidth = Some(bandwidth);
             let speckle = Speckle {
                 receive_bandwidth: filter,
