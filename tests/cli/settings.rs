@@ -79,7 +79,7 @@ fn a_frame_is_that_of_the_edited_file() {
         (
             SCENE.replace("version = 2", "version = 1"),
             "--gain-db -6",
-            format!("{SCENE}[effects]\ntone.gain_db = -6\n"),
+            format!("scanner = \"raw\"\n{SCENE}[effects]\ntone.gain_db = -6\n"),
         ),
     ] {
         bench.write("base.toml", &base);

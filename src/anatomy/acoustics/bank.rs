@@ -156,11 +156,11 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     let sway = [3, 4].map(|stream| grid.gaussian(seed, stream, [8.0, 3.0, 3.0]));
     let fascicles = Cells::new(grid, seed, 5, [32.0, 4.7, 9.0]);
     let strands = Strands {
-        density: 18.0,
+        density: 12.0,
         length_mm: [4.0, 18.0],
         thickness_mm: [0.35, 0.6],
         width_mm: [1.5, 6.0],
-        peak_db: [16.0, 27.0],
+        peak_db: [16.0, 28.0],
         slope: 0.1,
         roll: 0.6,
     }
@@ -168,7 +168,7 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     grid.fill(|i, [x, y, z]| {
         let fascicle = fascicles.place([x, y + 0.9 * sway[0][i], z + 0.9 * sway[1][i]]);
         let wall = 18.0 * bump(fascicle.wall_mm, 0.35) * fascicle.facing[1] * smoothstep(0.2, 1.8, gate[i]);
-        4.0 * streaks[i] + 1.6 * bundles[i] + wall.max(strands[i])
+        3.6 * streaks[i] + 1.6 * bundles[i] + wall.max(strands[i])
     })
 }
 
