@@ -156,11 +156,11 @@ fn muscle(grid: &Grid, seed: Seed) -> Vec<f32> {
     let sway = [3, 4].map(|stream| grid.gaussian(seed, stream, [8.0, 3.0, 3.0]));
     let fascicles = Cells::new(grid, seed, 5, [32.0, 4.7, 9.0]);
     let strands = Strands {
-        density: 12.0,
+        density: 15.0,
         length_mm: [4.0, 18.0],
         thickness_mm: [0.35, 0.6],
         width_mm: [1.5, 6.0],
-        peak_db: [16.0, 28.0],
+        peak_db: [14.0, 31.0],
         slope: 0.1,
         roll: 0.6,
     }
