@@ -68,16 +68,15 @@ fn a_run_leaves_steps_plots_page_and_summary() {
     }
     let longest = summary["step_ms"]["longest"].as_array().expect("a list");
     assert_eq!(longest.len(), 10);
-    let sum_ms = |times: Vec<&Value>| times.iter().map(|ms| ms.as_f64().expect("a time")).sum::<f64>();
-    let total_ms = sum_ms(longest.iter().map(|step| &step["ms"]).collect());
-    let spent = longest
-        .iter()
-        .flat_map(|step| step["spent_ms"].as_object().expect("work").values());
-    let spent_ms = sum_ms(spent.collect());
-    assert!(
-        spent_ms <= total_ms && spent_ms > 0.5 * total_ms,
-        "{spent_ms} of {total_ms} ms"
-    );
+    let shares = longest.iter().map(|step| {
+        let spent = step["spent_ms"].as_object().expect("work").values();
+        let spent_ms: f64 = spent.map(|ms| ms.as_f64().expect("a time")).sum();
+        spent_ms / step["ms"].as_f64().expect("a time")
+    });
+    let shares: Vec<f64> = shares.collect();
+    // A busy machine interrupts single steps.
+    let told = shares.iter().filter(|share| **share > 0.9).count();
+    assert!(told >= 5 && shares.iter().all(|share| *share < 1.0 + 1e-9), "{shares:?}");
     let events = summary["events"].as_array().expect("a list");
     let kinds: Vec<_> = events
         .iter()
