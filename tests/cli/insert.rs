@@ -76,7 +76,10 @@ fn a_run_leaves_steps_plots_page_and_summary() {
     let shares: Vec<f64> = shares.collect();
     // A busy machine interrupts single steps.
     let told = shares.iter().filter(|share| **share > 0.9).count();
-    assert!(told >= 5 && shares.iter().all(|share| *share < 1.0 + 1e-9), "{shares:?}");
+    assert!(
+        told >= 5 && shares.iter().all(|share| *share < 1.0 + 1e-9),
+        "{shares:?}"
+    );
     let events = summary["events"].as_array().expect("a list");
     let kinds: Vec<_> = events
         .iter()
